@@ -125,7 +125,7 @@ def decode_times(path: Path, stream: SceneStream, rounds: int = 3) -> dict[str, 
         views.append(report["view"])
     python, node = min(ours), min(theirs)
     found = {"python_us": round(python, 2), "typescript_us": round(node, 2), "ratio": round(node / python, 2)}
-    return found | ({"view_us": round(min(views), 2)} if stream.manifest.codec == CAUSAL else {})
+    return found | ({"view_us": round(min(views), 2)} if stream.manifest.schema_name == CAUSAL else {})
 
 
 def pictures(page: Browser, stream: SceneStream, concealer: str = "drop") -> list[float]:
@@ -269,7 +269,7 @@ def packed_pictures(paths: list[Path]) -> dict[str, list[float]]:
 
 
 async def measure(stream: SceneStream, rate: float, count: int) -> dict[str, Any]:
-    served = make_served_stream(stream, preview=stream_preview(stream.side_info, stream.manifest.codec))
+    served = make_served_stream(stream, preview=stream_preview(stream.side_info, stream.manifest.schema_name))
 
     def server(limits: ServerLimits) -> QuicServer:
         ours = QuicLimits(128, 128)

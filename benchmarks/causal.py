@@ -69,7 +69,7 @@ def measured(file: Path, photos: Path, copies: int) -> dict[str, Any]:
     data = stream_to_bytes(stream)
     test = open_dataset(photos, split="test")
     received = decode_stream(stream)
-    parts, num = side_info_parts(stream.side_info, stream.manifest.codec), stream.manifest.num_elements
+    parts, num = side_info_parts(stream.side_info, stream.manifest.schema_name), stream.manifest.num_elements
     psnr = assess_scene(received.scene, test, test.num_views, 0).psnr
     row = {
         "model": "causal" if isinstance(scene.coding, CausalCoding) else "hacpp",
@@ -103,7 +103,7 @@ def side_by_side(scene: AnchorScene, copies: int) -> dict[str, float]:
 def plain(stream: SceneStream) -> SceneStream:
     """Stream without named sections; its complete picture is the same, except for the background."""
     fixed = ByteReader(stream.side_info, "side information")
-    num_sections = len(SCHEMAS[stream.manifest.codec].sections)
+    num_sections = len(SCHEMAS[stream.manifest.schema_name].sections)
     side_info = b"".join(framed(fixed.blob()) for _ in range(num_sections))
     manifest = replace(
         stream.manifest, side_info_bytes=len(side_info), side_info_digest=hashlib.sha256(side_info).hexdigest()
@@ -163,7 +163,7 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     found = quantise(context, positions, masks, values, 0.0)
     without = replace(found, positions=replace(positions, num_low_bits=np.zeros_like(known.num_low_bits)))
     place = float((anchor_bits(context, found) - anchor_bits(context, without)).mean())
-    spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.scale_indices] / 2.0**20))
+    spread = -torch.from_numpy(np.log2(inverse_scale_table()[found.deviation_indices] / 2.0**20))
     each = value_bits(torch.from_numpy(found.symbols), torch.zeros(1), spread).numpy()
     each[:, context.stages[-1].first :] *= np.repeat(masks, 3, axis=1)
     p = 1 / (1 + np.exp(-found.logits * 2.0**-16))

@@ -67,7 +67,7 @@ class Variant:
         self.pictures, self.planning, self.members = pictures, planning, packet_members(stream)
         self.cache: dict[bytes, float] = {}
         self.planned = variant_of_stream(stream, planning, seed=7, concealment_bytes=concealment_bytes)
-        preview = stream_preview(stream.side_info, stream.manifest.codec)
+        preview = stream_preview(stream.side_info, stream.manifest.schema_name)
         self.blank = pictures.preview_psnr(preview) if preview else BLANK_PSNR
 
     def psnr(self, head: bool, packets: np.ndarray) -> float:

@@ -22,7 +22,7 @@ NOISES = (None, 0.01, 0.02, 0.03, 0.04, 0.05, 0.07, 0.1)
 def measure(scene: AnchorScene, noise: float | None) -> dict[str, object]:
     stream = encode_scene(scene, network_tolerance=noise)
     original, decoded = scene_in_order(scene, "morton").anchors, decode_stream(stream).scene.anchors
-    parts = side_info_parts(stream.side_info, stream.manifest.codec)
+    parts = side_info_parts(stream.side_info, stream.manifest.schema_name)
     error: dict[str, float] = {}
     for name in ("features", "scalings", "offsets"):
         before, after = getattr(original, name), getattr(decoded, name)

@@ -227,7 +227,7 @@ class Pool:
                ("draw_mask", "draw_losses", "draw_transfer_losses", "plan_protection", "plan_retransmission")},
 
             "seed": 0, "packetization": Packetization(), "repack.packetization": Packetization(),
-            "kind": STREAM, "schema": "gaussians", "register_schema.schema": lambda: None, "codec": "gaussians",
+            "kind": STREAM, "schema": "gaussians", "register_schema.schema": lambda: None, "schema_name": "gaussians",
             "form": lambda: None, "content": b"", "classes": np.zeros(300, np.uint8),
             "num_elements": 300, "num_packets": 1, "id": PacketId(0, 0), "packet_id": PacketId(0, 0), "data": b"1234",
             "stream_from_bytes.data": importlib.import_module("splatwire.bitstream").stream_to_bytes(self.stream),

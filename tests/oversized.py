@@ -188,7 +188,7 @@ def zeros(inputs: int, hidden: int, outputs: int) -> QuantisedMlp:
 
 
 def stream_of(
-    codec: str,
+    schema_name: str,
     packetization: Packetization,
     num: int,
     side_info: bytes,
@@ -205,7 +205,7 @@ def stream_of(
         packetization=packetization, num_elements=num, stream_id=7,
         num_packets=blocks * parts if packets is None else packets,
         side_info_bytes=len(side_info), side_info_digest=hashlib.sha256(side_info).hexdigest(),
-        symbols_digest="0" * 64, writer="greedy", codec=codec, tiers=tiers,
+        symbols_digest="0" * 64, writer="greedy", schema_name=schema_name, tiers=tiers,
         **dict(zip(("feature_dim", "num_offsets", "feature_groups"), shape, strict=False)),
     )  # fmt: skip
     plan, names = manifest.plan, []

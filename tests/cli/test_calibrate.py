@@ -115,7 +115,7 @@ def test_preview_is_stored_in_the_stream(run, journey, tmp_path, monkeypatch):
     assert 0 <= content["num_bytes"] - inspected["side_info_parts"]["preview"] < 10
     assert set(content["psnr"]) == {"background", "preview", "complete"}
     stream = read_stream(target)[0]
-    section = split_sections(stream.side_info, stream.manifest.codec)[1]["preview"]
+    section = split_sections(stream.side_info, stream.manifest.schema_name)[1]["preview"]
     assert len(section) == content["preview_bytes"]
     assert preview_gaussians(section)[0].num_gaussians == content["num_gaussians"]
     assert stream.packets == read_stream(journey / "tiny.swz")[0].packets

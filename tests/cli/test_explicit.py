@@ -233,12 +233,12 @@ def test_anchor_features_are_refused_for_gaussians(run, ply, stream, tmp_path):
 def test_cameras_set_the_initial_viewpoint(run, journey, ply, stream, tmp_path):
     from scenes import tiny_cameras
     from splatwire.bitstream.sections import sections_of
-    from splatwire.codec.viewpoint import SECTION, viewpoint_section
+    from splatwire.codec.initial_view import SECTION, initial_view_section
     from splatwire.data import load_cameras, save_cameras
 
     save_cameras(tiny_cameras(), tmp_path / "cameras.json")
     words = ("-o", tmp_path / "seen.swz", "--cameras", tmp_path / "cameras.json")
-    expected = viewpoint_section(load_cameras(tmp_path / "cameras.json"))
+    expected = initial_view_section(load_cameras(tmp_path / "cameras.json"))
     for source in (ply, journey / "tiny.scene"):
         assert run("encode", source, *words).status == 0
         assert sections_of(read_stream(tmp_path / "seen.swz")[0])[SECTION] == expected
@@ -251,8 +251,8 @@ def test_parts_of_side_information_are_reported_and_served(run, stream):
     assert sum(content["side_info_parts"].values()) == content["parts"]["side_info"]
     whole = read_stream(stream)[0]
     previewed = with_section(whole, "preview", b"something to see")
-    assert stream_preview(whole.side_info, whole.manifest.codec) == b""
-    assert stream_preview(previewed.side_info, previewed.manifest.codec) == b"something to see"
+    assert stream_preview(whole.side_info, whole.manifest.schema_name) == b""
+    assert stream_preview(previewed.side_info, previewed.manifest.schema_name) == b"something to see"
 
 
 @pytest.mark.slow

@@ -146,7 +146,7 @@ def test_serve_without_a_stream_serves_the_bundled_gaussians():
     from splatwire.bitstream.sections import sections_of
     from splatwire.cli import _bundled, _run_serve
     from splatwire.cli.serve import Serve
-    from splatwire.codec.viewpoint import SECTION
+    from splatwire.codec.initial_view import SECTION
 
     stream, _ = read_stream(_bundled.ASSETS / _bundled.SPLATS)
     ((name, program),) = _run_serve._served_streams(Serve(), Protection()).served.items()

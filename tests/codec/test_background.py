@@ -32,7 +32,7 @@ def test_background_survives_encoding(scene: AnchorScene, preset: str) -> None:
 def test_background_changes_side_information_only(scene: AnchorScene) -> None:
     packetization = Packetization(block_size=300)
     black, white = (encode_scene(replace(scene, background=color), packetization) for color in (BLACK, WHITE))
-    assert BACKGROUND.name not in split_sections(black.side_info, black.manifest.codec)[1]
+    assert BACKGROUND.name not in split_sections(black.side_info, black.manifest.schema_name)[1]
     assert BACKGROUND.of_stream(black) == decode_stream(black).scene.background == BLACK
     assert without_section(white, BACKGROUND.name).side_info == black.side_info
     assert [(p.id, p.payload) for p in white.packets] == [(p.id, p.payload) for p in black.packets]

@@ -62,7 +62,7 @@ def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: Scene
 
 
 def test_streams_name_their_codec_and_survive_files(stream: SceneStream):
-    assert (stream.manifest.codec, stream.manifest.format_version) == (CAUSAL, 2)
+    assert (stream.manifest.schema_name, stream.manifest.format_version) == (CAUSAL, 2)
     back, _ = stream_from_bytes(stream_to_bytes(stream))
     found, expected = (decode_stream(some).scene.anchors.features for some in (back, stream))
     assert np.array_equal(found, expected)

@@ -119,7 +119,7 @@ def test_manifest_and_side_information_must_agree(stream: SceneStream) -> None:
 
 
 def test_side_information_parts_add_up(stream: SceneStream) -> None:
-    assert sum(side_info_parts(stream.side_info, stream.manifest.codec).values()) == len(stream.side_info)
+    assert sum(side_info_parts(stream.side_info, stream.manifest.schema_name).values()) == len(stream.side_info)
 
 
 def test_unusable_scenes_are_refused(scene: AnchorScene) -> None:
@@ -214,6 +214,6 @@ def test_golden_streams_decode_to_pinned_values(path: Path, expected: str) -> No
 def test_schemas_name_the_type_of_their_scenes():
     """By this name the encoder chooses the schemas that it imports."""
     for name, stream in SCHEMAS.registered().items():
-        if stream.codec:
+        if stream.codec_path:
             kind = schema_named(name).scene_type
-            assert stream.scene == f"{kind.__module__}:{kind.__qualname__}"
+            assert stream.scene_path == f"{kind.__module__}:{kind.__qualname__}"

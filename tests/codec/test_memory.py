@@ -43,7 +43,7 @@ def test_small_streams_allocate_little_memory(oversized: dict[str, SceneStream],
     small = {"causal": "tiny_causal.swz", "hacpp": "tiny.swz", "tracks": "tiny_clip.swz"}
     warm = GOLDEN / small[codec] if codec in small else tmp_path / "warm.swz"
     (tmp_path / "warm.swz").write_bytes(real_gaussians())
-    names = [name for name, stream in oversized.items() if stream.manifest.codec == codec]
+    names = [name for name, stream in oversized.items() if stream.manifest.schema_name == codec]
     for n, name in enumerate(names):
         write_stream(oversized[name], tmp_path / f"{n}.swz")
     words = [str(path) for path in (warm, tmp_path, *(tmp_path / f"{n}.swz" for n in range(len(names))))]

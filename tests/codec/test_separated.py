@@ -151,7 +151,7 @@ def test_damaged_payloads_decode_without_an_error(stream: SceneStream):
 
 
 def test_masks_are_side_information(stream: SceneStream):
-    assert 0 < side_info_parts(stream.side_info, stream.manifest.codec)[SECTION] < 700 * 4 / 8 + 20
+    assert 0 < side_info_parts(stream.side_info, stream.manifest.schema_name)[SECTION] < 700 * 4 / 8 + 20
     with pytest.raises(BitstreamError, match="lacks the section 'masks'"):
         decode_stream(without_section(stream, SECTION))
     with pytest.raises(BitstreamError, match="all at once"):
@@ -161,7 +161,7 @@ def test_masks_are_side_information(stream: SceneStream):
 def test_separated_size_differs_from_atomic_by_headers_only(scene: AnchorScene, stream: SceneStream):
     """The distributions are equal. Sizes differ by one byte per stream end and by the adaptation of masks."""
     atomic = encode_scene(scene, replace(HACPP, packaging="atomic"))
-    masks = side_info_parts(stream.side_info, stream.manifest.codec)[SECTION]
+    masks = side_info_parts(stream.side_info, stream.manifest.schema_name)[SECTION]
     ours, theirs = stream.part_sizes()["packet_payloads"] + masks, atomic.part_sizes()["packet_payloads"]
     assert abs(ours - theirs) < 1.5 * len(stream.packets) + 0.02 * masks + 20
 

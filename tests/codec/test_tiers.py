@@ -103,7 +103,7 @@ def test_packets_of_a_tier_hold_its_anchors(scene: AnchorScene, tiers: np.ndarra
 def test_tiered_stream_round_trips_through_bytes(stream: SceneStream):
     assert stream_from_bytes(stream_to_bytes(stream))[0] == stream
     assert manifest_from_bytes(manifest_to_bytes(stream.manifest)) == stream.manifest
-    assert side_info_parts(stream.side_info, stream.manifest.codec)[SECTION] < 2 * 700 / 8
+    assert side_info_parts(stream.side_info, stream.manifest.schema_name)[SECTION] < 2 * 700 / 8
 
 
 def test_a_small_tier_has_fewer_lanes(scene: AnchorScene, tiers: np.ndarray):

@@ -58,7 +58,7 @@ def test_encode_gives_the_stream_of_encode_scene(scene):
 def test_frames_are_encoded_with_their_own_options():
     frames = moving_frames(60, 2)
     stream = splatwire.encode(frames, splatwire.SequenceOptions(quality="small"))
-    assert stream.manifest.codec == "tracks"
+    assert stream.manifest.schema_name == "tracks"
     with pytest.raises(InvalidValueError, match="threads in SequenceOptions"):
         splatwire.encode(frames, splatwire.SequenceOptions(), threads=1)
 

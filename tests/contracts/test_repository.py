@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from splatwire.errors import EXTRAS
-from splatwire.sequence.live_encoder import PERIOD_GROUPS
+from splatwire.sequence.live_encoder import PERIOD_BYTES, PERIOD_GROUPS
 from splatwire.sequence.options import GROUP_FRAMES
 from splatwire.transport.protocol.messages import MAX_NACKS
 from splatwire.transport.protocol.nack import MAX_NACK_ATTEMPTS, NACK_INTERVAL_S
@@ -102,8 +102,8 @@ def test_local_links_of_documents_resolve(path):
         ("wire.md", f"together at most {MAX_NACKS}"),
         ("glossary.md", f", {GROUP_FRAMES} by default"),
         ("motion.md", f"({GROUP_FRAMES}; `--group`)"),
-        ("motion.md", f"Every {PERIOD_GROUPS} groups"),
-        ("glossary.md", f"{PERIOD_GROUPS} groups (DASH)"),
+        ("motion.md", f"after {PERIOD_GROUPS} groups or {PERIOD_BYTES >> 20} MiB"),
+        ("glossary.md", f"after {PERIOD_GROUPS} groups or {PERIOD_BYTES >> 20} MiB (DASH)"),
     ],
 )
 def test_documents_state_the_constants_of_the_code(page, text):

@@ -7,8 +7,8 @@ import pytest
 
 from close import unit
 from random_numbers import Numbers
+from splatwire.codec.initial_view import UP_SECTION
 from splatwire.codec.sequence.side_info import open_side_info
-from splatwire.codec.viewpoint import UP_SECTION
 from splatwire.render.up import estimate_up_axis
 from splatwire.sequence import SequenceOptions, encode_sequence
 from splatwire.types.splat_scene import SplatScene

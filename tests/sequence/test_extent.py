@@ -5,7 +5,7 @@ import pytest
 
 from random_numbers import Numbers
 from splatwire.bitstream.sections import sections_of
-from splatwire.codec.viewpoint import EXTENT_SECTION, extent_section, read_extent
+from splatwire.codec.initial_view import EXTENT_SECTION, extent_section, read_extent
 from splatwire.errors import BitstreamError
 from splatwire.sequence import SequenceEncoder
 from splatwire.sequence.extent import BoundingSphere, bounding_sphere

@@ -19,8 +19,8 @@ from splatwire.bitstream.limits import TRACKS
 from splatwire.bitstream.sections import split_sections
 from splatwire.bitstream.tiers import TierCounts
 from splatwire.codec import decode_stream
+from splatwire.codec.initial_view import EXTENT_SECTION
 from splatwire.codec.memory import VARIABLE
-from splatwire.codec.viewpoint import EXTENT_SECTION
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.sequence import SequenceEncoder, SequenceOptions, decode_frames
 from splatwire.sequence.importance import stream_importance

@@ -259,7 +259,7 @@ def test_a_client_that_floods_its_connection_gets_a_bounded_share_and_others_are
             client = await connected(server.port, ALPN)
             client.quic.send_stream_data(0, length_prefixed(b"\0"))
             client.transmit()
-            await until(lambda: server.connections and next(iter(server.connections))._sessions.has_request)
+            await until(lambda: server.connections and next(iter(server.connections))._handler.has_request)
             recovery = client.quic._loss  # most of its datagrams get no acknowledgement
             recovery._cc.congestion_window, recovery._pacer.packet_time = 1 << 40, None
             monkeypatch.setattr(recovery, "on_ack_received", lambda **_: None)

@@ -54,8 +54,8 @@ from splatwire.transport.quic.common import (
     QuicLimits,
     configuration,
 )
+from splatwire.transport.quic.handlers import QuicClient
 from splatwire.transport.quic.server import QuicServer
-from splatwire.transport.quic.sessions import Session
 from splatwire.transport.udp import UdpServer, connected_socket, receive_udp
 
 pytestmark = pytest.mark.slow
@@ -141,14 +141,14 @@ def test_server_error_ends_one_session_only(caplog):
             assert [receiver.stream() == STREAM for receiver in receivers] == [True, True]
             assert (await fetch(server.port)).stream() == STREAM
 
-    send = Session.send
+    send = QuicClient.send
 
-    def broken(self: Session, data: bytes) -> None:
+    def broken(self: QuicClient, data: bytes) -> None:
         if message_kind(data) == DATA and decode(data).packet in PROGRAMS["other"].packets:
             raise RuntimeError("broken")
         send(self, data)
 
-    with patch.object(Session, "send", broken):
+    with patch.object(QuicClient, "send", broken):
         run(work())
     (line,) = [record for record in caplog.records if record.levelno > logging.INFO]
     assert "broken" in line.getMessage()

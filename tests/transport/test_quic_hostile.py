@@ -43,8 +43,8 @@ from splatwire.transport.quic.common import (
     configuration,
     length_prefixed,
 )
+from splatwire.transport.quic.handlers import MAX_PENDING_DATAGRAMS, MAX_PENDING_MESSAGES
 from splatwire.transport.quic.server import MIN_MALFORMED, RETRY_HANDSHAKES
-from splatwire.transport.quic.sessions import MAX_PENDING_DATAGRAMS, MAX_PENDING_MESSAGES
 from transport.test_quic import OTHER, fetch, run, serving
 
 pytestmark = pytest.mark.slow
@@ -282,9 +282,9 @@ def test_session_without_a_stream_buffers_little():
             await until(lambda: client.statuses == [200])
             (connection,) = server.connections
             for _ in range(MAX_PENDING_MESSAGES):
-                connection._sessions._session.send(request())
+                connection._handler._client.send(request())
             assert server.num_malformed == 0
-            connection._sessions._session.send(request())
+            connection._handler._client.send(request())
             assert server.num_malformed == 1
             await until(lambda: client.ended)
             await close_client(client)
@@ -300,22 +300,22 @@ def test_a_client_that_acknowledges_nothing_fills_no_memory():
             client = await connected(server.port, ALPN)
             client.quic.send_stream_data(0, length_prefixed(b"\0"))
             client.transmit()
-            await until(lambda: server.connections and next(iter(server.connections))._sessions.has_request)
+            await until(lambda: server.connections and next(iter(server.connections))._handler.has_request)
             (connection,) = server.connections
-            session = connection._sessions._session
+            on_server = connection._handler._client
             for number in range(2 * MAX_PENDING_DATAGRAMS):
-                session.send(encode_data(1, number, number, bytes(1000)))
+                on_server.send(encode_data(1, number, number, bytes(1000)))
             assert len(connection.quic._datagrams_pending) == MAX_PENDING_DATAGRAMS
             head = encode(
                 Welcome(1, 1, 1, WINDOW_BYTES, bytes(32), 1000, 1, 1000, 0, (ParityRange(1, 0, 0),), b"", True, False)
             )
             symbol = encode_symbol(INIT_SYMBOL, 1, 0, 0, 0, bytes(1000))
-            session.send(head)
+            on_server.send(head)
             for _ in range(2 * WINDOW_BYTES // len(symbol)):  # one head may wait, and a second one
-                session.send(symbol)
+                on_server.send(symbol)
             assert server.num_malformed == 0
             for _ in range(2 * WINDOW_BYTES // len(symbol)):
-                session.send(symbol)
+                on_server.send(symbol)
             assert server.num_malformed
             assert not server.connections
             await close_client(client)

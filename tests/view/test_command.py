@@ -35,7 +35,7 @@ def test_view_serves_a_page_until_a_signal(stream, how):
             with urllib.request.urlopen(ready["url"], timeout=600) as answer:
                 assert "<splat-wire" in answer.read().decode()
             with urllib.request.urlopen(ready["url"] + "streams/tiny.swz", timeout=600) as answer:
-                assert stream_from_bytes(answer.read())[0].manifest.codec == CAUSAL
+                assert stream_from_bytes(answer.read())[0].manifest.schema_name == CAUSAL
             process.send_signal(how)
             rest, problems = process.communicate(timeout=600)
         finally:

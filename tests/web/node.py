@@ -127,7 +127,7 @@ def gains_of(stream: SceneStream) -> dict[str, list[float]]:
 
 def first_packet(stream: SceneStream) -> list[list[float]]:
     """The Gaussians of a stream's first packet as rows: position, quaternion, scales, opacity, colour, harmonics."""
-    if stream.manifest.codec == CAUSAL:
+    if stream.manifest.schema_name == CAUSAL:
         return first_anchors(stream)
     splats, known = decode_splats(stream.with_packets(stream.packets[:1]))
     colours = 0.5 + DC * splats.sh[:, 0]

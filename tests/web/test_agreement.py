@@ -214,7 +214,7 @@ def hostile_heads(stream: SceneStream, cases: int, rng: random.Random) -> list[t
     manifest, found = stream.manifest, []
     for _ in range(cases):
         reader = ByteReader(stream.side_info, "side information")
-        sections = [reader.blob() for _ in SCHEMAS[manifest.codec].sections]
+        sections = [reader.blob() for _ in SCHEMAS[manifest.schema_name].sections]
         hit = rng.randrange(len(sections))
         sections[hit] = mutated_bytes(sections[hit][:200], rng) + sections[hit][200:]
         data = b"".join(map(framed, sections)) + reader.rest()
@@ -370,7 +370,7 @@ def test_python_and_typescript_decoders_agree(tmp_path: Path, part: int) -> None
     cases = min(PART, CASES - part * PART)
     rng, packets, heads, streams = random.Random(7 + part), {}, {}, golden_streams()
     for name, stream in streams.items():
-        if not SCHEMAS[stream.manifest.codec].layout:
+        if not SCHEMAS[stream.manifest.schema_name].layout:
             write_stream(stream, tmp_path / f"{name}.swz")
             packets[str(tmp_path / f"{name}.swz")] = hostile_packets(stream, cases // 5, rng)
             heads[str(tmp_path / f"{name}.swz")] = hostile_heads(stream, cases // 5, rng)

@@ -23,7 +23,7 @@ from scenes import tiny_scene
 from splatwire.bitstream import PRESETS, Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.codec import encode_scene, with_section
 from splatwire.codec.gaussians.quality import Quality
-from splatwire.codec.viewpoint import SECTION
+from splatwire.codec.initial_view import SECTION
 from splatwire.errors import InvalidValueError
 from splatwire.transport import ServedStream, make_served_stream
 from splatwire.transport.http.content import FILES, PageContent, WebTransportEndpoint, served_stream_file, web_file

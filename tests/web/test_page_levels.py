@@ -12,7 +12,7 @@ from codec.gaussians.test_gaussians import some_splats
 from scenes import tiny_cameras
 from splatwire.bitstream import Packetization, SceneStream, stream_from_bytes, stream_to_bytes
 from splatwire.codec import with_section
-from splatwire.codec.viewpoint import SECTION, viewpoint_section
+from splatwire.codec.initial_view import SECTION, initial_view_section
 from splatwire.lod import encode_levels
 from splatwire.transport import ServerLimits
 from splatwire.transport.http.content import PageContent, WebTransportEndpoint
@@ -45,7 +45,7 @@ def seen_from(stream: SceneStream, distance: float) -> bytes:
     poses[:, :3, :3] = np.eye(3)
     poses[:, :3, 3] = (0, 0, distance)
     moved = Cameras(poses, cameras.Ks, cameras.width, cameras.height, cameras.names)
-    return stream_to_bytes(with_section(stream, SECTION, viewpoint_section(moved)))
+    return stream_to_bytes(with_section(stream, SECTION, initial_view_section(moved)))
 
 
 async def packets_of(url: str, names: Iterable[str], way: str) -> dict[str, int]:

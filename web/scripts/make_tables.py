@@ -15,11 +15,11 @@ from splatwire.bitstream import limits, tile_index
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec import (
     antialiasing,
+    initial_view,
     metadata,
     preview,
     tier_sizes,
     tiers,
-    viewpoint,
     weight_bytes,
     weights,
 )
@@ -46,10 +46,10 @@ SECTIONS = "// Names of sections of the side information.\n\n"
 WIRE = "// Constants of the wire protocol. Counterpart of `splatwire.transport.protocol`, which describes them.\n\n"
 LINE = 120
 SECTION_NAMES = {
-    "ANTIALIASED": antialiasing.SECTION, "BACKGROUND": BACKGROUND.name, "EXTENT": viewpoint.EXTENT_SECTION,
+    "ANTIALIASED": antialiasing.SECTION, "BACKGROUND": BACKGROUND.name, "EXTENT": initial_view.EXTENT_SECTION,
     "FIRST_FRAME": FIRST_FRAME, "LIFETIMES": lifetimes.SECTION, "METADATA": metadata.SECTION, "ORIGIN": ORIGIN.name,
     "PREVIEW": preview.SECTION, "SKETCH": sketch.SECTION, "TIERS": tiers.SECTION, "TIER_SIZES": tier_sizes.SECTION,
-    "TILES": tile_index.SECTION, "UP": viewpoint.UP_SECTION, "VIEWPOINT": viewpoint.SECTION,
+    "TILES": tile_index.SECTION, "UP": initial_view.UP_SECTION, "VIEWPOINT": initial_view.SECTION,
 }  # fmt: skip
 WIRE_NAMES = {
     wire: (

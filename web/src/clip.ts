@@ -139,7 +139,7 @@ export class Clip extends EventTarget {
     return this.info.background;
   }
 
-  /** Initial viewpoint; null if the stream has none. */
+  /** Initial view; null if the stream has none. */
   get viewpoint(): Viewpoint | null {
     return this.info.viewpoint;
   }

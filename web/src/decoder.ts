@@ -83,7 +83,7 @@ export interface Progress {
   readonly expected: number;
   /** Background colour, RGB, each 0 to 1. */
   readonly background: readonly [number, number, number];
-  /** Initial viewpoint; null if the stream has none. */
+  /** Initial view; null if the stream has none. */
   readonly viewpoint: Viewpoint | null;
   /** Timing of a clip; null for static scenes. */
   readonly clip: Clip | null;

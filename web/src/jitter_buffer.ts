@@ -3,7 +3,7 @@
 
 /** Number of recent groups that determine the delay. */
 const WINDOW_GROUPS = 24;
-/** Margin added to the latest of them, seconds. */
+/** Margin after the most delayed of these groups, seconds. */
 const MARGIN_S = 0.03;
 /** Relative increase of the clock's speed while the delay is larger than needed, and while it is much larger. */
 const SPEED_UP = 0.04,
@@ -22,6 +22,7 @@ export class JitterBuffer {
   /** Time at which frame 0 is due, seconds. */
   #frameZeroAt = -Infinity;
   #end = -1;
+  /** For each recent group: when frame 0 would have been due if the group's first frame were due on its arrival. */
   readonly #frameZeroCandidates: number[] = [];
   /** Time of the last call of `due`, seconds. */
   #lastDueAt = 0;
@@ -36,7 +37,7 @@ export class JitterBuffer {
 
   constructor(readonly rate: number) {}
 
-  /** Records the arrival, at time `now`, of frames `begin` to `end - 1`. */
+  /** Records at time `now` that frames up to `end - 1` are playable. `begin` is the first frame of the visit. */
   add(begin: number, end: number, now: number): void {
     const first = Math.max(this.#end, begin);
     if (end <= first) return;

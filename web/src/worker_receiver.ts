@@ -86,8 +86,9 @@ export class WorkerReceiver implements Receiver {
   #size = 1;
   #sentAt = 0;
   #concealRequest = 0;
-  /** Camera of the page, its request number, and the number of the last answered request. */
+  /** Maximum number of Gaussians that the view of a scene with levels may draw. */
   #budget = 0;
+  /** Camera of the page, its request number, and the number of the last answered request. */
   #camera = ANY_CAMERA;
   #viewRequest = 0;
   #answeredRequest = 0;

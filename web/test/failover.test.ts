@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { BitstreamError } from "../src/bytes.ts";
 import { ContainerReader } from "../src/packets/container.ts";
-import { type Listener, NO_SOURCE } from "../src/transport/events.ts";
+import { type Listener, UNKNOWN_ORDER } from "../src/transport/events.ts";
 import type { Transports } from "../src/transport/failover.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import {
@@ -118,7 +118,7 @@ test("after a session that is too slow the rest comes by HTTP, also if it delive
   let sessions = 0;
   const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
       const container = new ContainerReader(),
-        packets = container.feed(STILL).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+        packets = container.feed(STILL).map((bytes) => ({ order: UNKNOWN_ORDER, position: 0, bytes }));
       sessions++;
       listener.head(container.head!, container.headBytes, true, false);
       listener.packets(packets.slice(0, 2));
@@ -235,7 +235,7 @@ test("frames of a restarted live server are shown, which counts them from 0 agai
   let sessions = 0;
   const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
     const container = new ContainerReader(),
-      packets = container.feed(files[sessions++]).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+      packets = container.feed(files[sessions++]).map((bytes) => ({ order: UNKNOWN_ORDER, position: 0, bytes }));
     listener.head(container.head!, container.headBytes, false, true);
     listener.packets(packets);
     await (listener as WorkerReceiver).settled();
@@ -257,7 +257,7 @@ test("a still in place of a live clip is received over its session, and is compl
       throw new Error("the server fell silent");
     }
     const container = new ContainerReader(),
-      packets = container.feed(STILL).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+      packets = container.feed(STILL).map((bytes) => ({ order: UNKNOWN_ORDER, position: 0, bytes }));
     listener.head(container.head!, container.headBytes, true, false);
     listener.packets(packets);
     return "complete";
@@ -273,7 +273,7 @@ function liveSessions(
 ): Partial<Transports> & { readonly opened: number[] } {
   const opened: number[] = [],
     container = new ContainerReader(),
-    all = container.feed(fileOf(CLIP)).map((bytes) => ({ source: NO_SOURCE, position: 0, bytes }));
+    all = container.feed(fileOf(CLIP)).map((bytes) => ({ order: UNKNOWN_ORDER, position: 0, bytes }));
   const receiveDatagrams: Transports["receiveDatagrams"] = async (_session, _name, listener): Promise<string> => {
     const now = packets[opened.length];
     opened.push(opened.length);

@@ -58,7 +58,7 @@ test("gains are requested again after a time without a scene that has them", () 
 test("gains are computed once all received packets are decoded, and only for the last request", async () => {
   const said: FromWorker[] = [],
     container = new ContainerReader(),
-    packets = container.feed(fileOf(STILL)).map((bytes, position) => ({ source: "session", position, bytes }));
+    packets = container.feed(fileOf(STILL)).map((bytes, position) => ({ order: "session", position, bytes }));
   Object.assign(globalThis, { self: { postMessage: (message: FromWorker) => said.push(message) } });
   const reception = new WorkerReceiver();
   reception.head(container.head!, container.headBytes, false);

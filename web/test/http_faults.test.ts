@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { ContainerReader } from "../src/packets/container.ts";
-import { FILE, type Listener } from "../src/transport/events.ts";
+import { FILE_ORDER, type Listener } from "../src/transport/events.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import { receiveFile } from "../src/transport/http_source.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
@@ -47,8 +47,8 @@ function assertWhole({ text, complete, verified, reception }: Visit, file: Uint8
 function assertIntact(caches: Caches, file: Uint8Array): void {
   const container = new ContainerReader();
   container.feed(file);
-  for (const { source, position, bytes } of caches.records)
-    assert.ok(source === HEAD || isIntact(bytes, container.head!), `packet ${position} of ${source} is damaged`);
+  for (const { order, position, bytes } of caches.records)
+    assert.ok(order === HEAD || isIntact(bytes, container.head!), `packet ${position} of ${order} is damaged`);
 }
 
 /** Answers with the first half of a range; `honest` is true if the headers say so. */
@@ -308,20 +308,20 @@ for (const [kind, file] of KINDS) {
     const caches = new Caches();
     assertWhole(await visit(caches), file);
     const [key, bytes] = [...caches.entries][0],
-      head = caches.records.find(({ source }) => source === HEAD)!.bytes;
+      head = caches.records.find(({ order }) => order === HEAD)!.bytes;
     const odd: Uint8Array[] = [
       new Uint8Array(), // an empty entry
       bytes.subarray(0, Math.floor(bytes.length * 0.6)),
       flipped(bytes, 30),
       flipped(bytes, bytes.length - 9),
-      partOf([{ source: HEAD, position: 0, bytes: head }]),
-      partOf([{ source: HEAD, position: 0, bytes: head.subarray(0, 300) }]),
+      partOf([{ order: HEAD, position: 0, bytes: head }]),
+      partOf([{ order: HEAD, position: 0, bytes: head.subarray(0, 300) }]),
       partOf([
-        { source: HEAD, position: 0, bytes: head },
-        { source: FILE, position: 2 ** 40, bytes: new Uint8Array(40) },
+        { order: HEAD, position: 0, bytes: head },
+        { order: FILE_ORDER, position: 2 ** 40, bytes: new Uint8Array(40) },
       ]),
-      partOf([{ source: FILE, position: 2, bytes: new Uint8Array(40) }]),
-      partOf([{ source: HEAD, position: 0, bytes: otherStream(file).slice(0, 1200) }]),
+      partOf([{ order: FILE_ORDER, position: 2, bytes: new Uint8Array(40) }]),
+      partOf([{ order: HEAD, position: 0, bytes: otherStream(file).slice(0, 1200) }]),
     ];
     for (const one of odd) {
       caches.entries.clear();
@@ -549,7 +549,7 @@ test("all arriving packets are decoded after a reset", async () => {
   const { reception } = await visit();
   reception.changed();
   const container = new ContainerReader(),
-    packets = container.feed(STILL).map((bytes, position) => ({ source: "session", position, bytes }));
+    packets = container.feed(STILL).map((bytes, position) => ({ order: "session", position, bytes }));
   reception.head(container.head!, container.headBytes, true);
   reception.packets([]);
   reception.packets(packets.slice(0, 2));

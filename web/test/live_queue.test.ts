@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { ContainerReader } from "../src/packets/container.ts";
 import { planOf } from "../src/packets/plan.ts";
-import { NO_SOURCE, type ReceivedPacket } from "../src/transport/events.ts";
+import { type ReceivedPacket, UNKNOWN_ORDER } from "../src/transport/events.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
 import { packetOf } from "../src/transport/packet_store.ts";
 import { WorkerReceiver } from "../src/worker_receiver.ts";
@@ -22,7 +22,7 @@ function groupsOf(file: Uint8Array): { container: ContainerReader; groups: Recei
     groups: ReceivedPacket[][] = [];
   for (const bytes of container.feed(file)) {
     const group = planOf(container.head!.manifest).gopOf(packetOf(bytes, container.head!)!.block);
-    (groups[group] ??= []).push({ source: NO_SOURCE, position: 0, bytes });
+    (groups[group] ??= []).push({ order: UNKNOWN_ORDER, position: 0, bytes });
   }
   return { container, groups };
 }

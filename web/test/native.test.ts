@@ -123,7 +123,7 @@ test("a decoder that grows keeps its instance while its tables stay", () => {
     packets.decode(payload, 0, 20);
     for (let group = 1; group < 6; group++) {
       const blockMeans = first.blockMeans.map((value) => value + group);
-      packets.grow({ ...first, blockMeans, models: first.models.slice() });
+      packets.setInfo({ ...first, blockMeans, models: first.models.slice() });
       assertSame(
         packets.decode(payload, 0, 20),
         new PacketDecoder(packets.info).decode(payload, 0, 20),
@@ -133,14 +133,14 @@ test("a decoder that grows keeps its instance while its tables stay", () => {
     }
     assert.equal(made, 1);
     const other = anySideInfo(random);
-    packets.grow(other);
+    packets.setInfo(other);
     assertSame(packets.decode(payload, 0, 20), new PacketDecoder(other).decode(payload, 0, 20), other, 0);
     assert.equal(made, 2);
     for (const name of ["baseExponents", "scaleIndices", "models", "transform"] as const) {
       const before = packets.info;
-      packets.grow({ ...before, [name]: before[name].map((value, n) => (n ? value : value ^ 1)) });
+      packets.setInfo({ ...before, [name]: before[name].map((value, n) => (n ? value : value ^ 1)) });
       packets.decode(payload, 0, 20);
-      packets.grow(before);
+      packets.setInfo(before);
       packets.decode(payload, 0, 20);
     }
     assert.equal(made, 2 + 8 - 2 * Number(!other.transform.length));

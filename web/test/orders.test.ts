@@ -76,7 +76,7 @@ function sessionOf(
     if (before) listener.confirmed?.();
     else listener.head(container.head!, container.headBytes, true);
     const sent = packets
-      .map((bytes, position) => ({ source: order, position, bytes }))
+      .map((bytes, position) => ({ order, position, bytes }))
       .filter(({ position }) => !bits || !((bits[position >> 3] >> (position & 7)) & 1));
     listener.packets(sent.slice(0, count));
     noteSent(Math.min(sent.length, count));

@@ -5,7 +5,7 @@ import { test } from "node:test";
 
 import { ContainerReader, type Head, HeadReader } from "../src/packets/container.ts";
 import { withBackoff } from "../src/transport/backoff.ts";
-import { type Counts, FILE, type Listener, type ReceivedPacket } from "../src/transport/events.ts";
+import { type Counts, FILE_ORDER, type Listener, type ReceivedPacket } from "../src/transport/events.ts";
 import { HttpError } from "../src/transport/http_error.ts";
 import { HttpFile } from "../src/transport/http_file.ts";
 import { receiveFile } from "../src/transport/http_source.ts";
@@ -16,12 +16,12 @@ import { fileOf, STREAMS } from "./vectors.ts";
 
 const STREAM = fileOf("../tests/golden/tiny_causal.swz");
 
-/** Packets of a file in an order, as a source with these positions brings them. */
-function arrived(file: Uint8Array, source: string, positions: (n: number, offset: number) => number): ReceivedPacket[] {
+/** Packets of a file with their positions in an order. */
+function arrived(file: Uint8Array, order: string, positions: (n: number, offset: number) => number): ReceivedPacket[] {
   const offsets = packetOffsets(file);
   return new ContainerReader()
     .feed(file)
-    .map((bytes, n) => ({ source, position: positions(n, offsets[n] - SIZE_BYTES), bytes }));
+    .map((bytes, n) => ({ order, position: positions(n, offsets[n] - SIZE_BYTES), bytes }));
 }
 
 function begun(file: Uint8Array): PacketStore {
@@ -34,7 +34,7 @@ function begun(file: Uint8Array): PacketStore {
 
 test("gaps of a file lie between the packets that were found in it", () => {
   const store = begun(STREAM),
-    packets = arrived(STREAM, FILE, (_, offset) => offset),
+    packets = arrived(STREAM, FILE_ORDER, (_, offset) => offset),
     [first, , third, fourth] = packets.map(({ position }) => position);
   assert.deepEqual(new PacketStore().gaps, []);
   assert.deepEqual(store.gaps, [{ offset: first, end: null, before: null }]);
@@ -49,9 +49,9 @@ test("gaps of a file lie between the packets that were found in it", () => {
   assert.deepEqual([store.gaps, store.complete, store.isReordered], [[], true, false]);
 });
 
-test("packets are held once, whatever the order of their source", () => {
+test("packets are held once, whatever their order", () => {
   const store = begun(STREAM),
-    inFile = arrived(STREAM, FILE, (_, offset) => offset),
+    inFile = arrived(STREAM, FILE_ORDER, (_, offset) => offset),
     { length } = inFile;
   const inSession = arrived(STREAM, "order", (n) => length - 1 - n);
   store.add(inSession.slice(0, 3));
@@ -72,18 +72,18 @@ test("an order that names a packet twice claims nothing", () => {
 
 test("damaged packets and those of another stream are not held", () => {
   const store = begun(STREAM),
-    [packet] = arrived(STREAM, FILE, (_, offset) => offset);
+    [packet] = arrived(STREAM, FILE_ORDER, (_, offset) => offset);
   const damaged = { ...packet, bytes: flipped(packet.bytes, 20) },
-    [foreign] = arrived(otherStream(STREAM), FILE, (_, offset) => offset);
+    [foreign] = arrived(otherStream(STREAM), FILE_ORDER, (_, offset) => offset);
   assert.deepEqual(store.add([damaged, foreign]), []);
   assert.equal(store.count, 0);
 });
 
 test("what is kept is read again, as far as it is whole", () => {
   const packets = [
-      { source: FILE, position: 7 * 2 ** 32, bytes: new Uint8Array(20).fill(7) },
-      { source: "0badcafe", position: 3, bytes: new Uint8Array() },
-      { source: HEAD, position: 0, bytes: new Uint8Array(5).fill(1) },
+      { order: FILE_ORDER, position: 7 * 2 ** 32, bytes: new Uint8Array(20).fill(7) },
+      { order: "0badcafe", position: 3, bytes: new Uint8Array() },
+      { order: HEAD, position: 0, bytes: new Uint8Array(5).fill(1) },
     ],
     bytes = partOf(packets);
   assert.deepEqual(recordsOf(bytes), packets);

@@ -1,4 +1,4 @@
-"""Reader and writer of codec parameters in scene files, for the codec schemas `hacpp` and `causal`."""
+"""Reader and writer of codec parameters in scene files, for the schemas `hacpp` and `causal`."""
 
 from typing import Any
 
@@ -32,7 +32,7 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
     """Returns the header fields of a scene file that describe the entropy coding of the anchors.
 
-    These are the name of the codec schema, and the configuration of the model that predicts the probabilities of the
+    These are the name of the schema, and the configuration of the model that predicts the probabilities of the
     anchors' attributes.
     """
     config = coding.config
@@ -60,7 +60,7 @@ def read_coding(
 
     Args:
         reader: The open file.
-        config: Configuration of the context model, from the header; its type selects the codec schema.
+        config: Configuration of the context model, from the header; its type selects the schema.
         voxel_size: World units per voxel.
 
     Raises:

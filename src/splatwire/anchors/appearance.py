@@ -72,7 +72,7 @@ def _conversion_hint(value: object) -> str:
 def gaussians_of_view(scene: Scene, cameras: Cameras, view: int) -> Gaussians:
     """Returns the Gaussians that camera `view` draws. Not differentiable.
 
-    Positions are relative to the scene's origin. Pass cameras that are relative to the same origin:
+    Positions of the result are relative to the scene's origin, whatever the origin of the cameras. To draw it, use
     `cameras.relative_to(origin_of(scene))`.
 
     Raises:

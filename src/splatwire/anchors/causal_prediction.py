@@ -1,4 +1,4 @@
-"""Predicts the distributions of anchor attributes for entropy coding: context model of the codec schema `causal`.
+"""Predicts the distributions of anchor attributes for entropy coding: context model of the schema `causal`.
 
 The functions accept numpy arrays and torch tensors.
 """

@@ -171,7 +171,7 @@ def check_follows(stream: SceneStream, digest: str) -> None:
         InvalidValueError: If the stream is not an update, belongs to another scene, or changes nothing.
         BitstreamError: If the description of the update is damaged.
     """
-    if stream.manifest.codec != UPDATE:
+    if stream.manifest.schema_name != UPDATE:
         raise InvalidValueError(f"the server sends {stream.manifest.elements} as update")
     fields = read_update(sections_of(stream).get(SECTION, b""))
     if fields.base_digest != digest:

@@ -263,7 +263,7 @@ class TrainingServer:
         return after
 
     def _prepared(self, stream: SceneStream) -> ServedStream:
-        preview = stream_preview(stream.side_info, stream.manifest.codec)
+        preview = stream_preview(stream.side_info, stream.manifest.schema_name)
         return make_served_stream(stream, self._settings.protection, preview=preview)
 
     def _publish(self, scene: ServedStream, updates: dict[str, ServedStream | None]) -> None:

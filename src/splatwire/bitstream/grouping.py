@@ -12,7 +12,7 @@ CHUNK = 1 << 17
 """Number of indices hashed at a time, so that temporary arrays stay in the CPU cache."""
 
 
-def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) -> np.ndarray:
+def stratified_lanes(start: int, stop: int, lanes: int, seed: int) -> np.ndarray:
     """Divides the plan indices of a block among its packets, by a hash of each index.
 
     This is the "Hash Interleaving" of Section 3.2.2 of the paper that this project implements (docs/paper-map.md).
@@ -20,7 +20,7 @@ def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) ->
     Args:
         start: First plan index of the block.
         stop: Index after the last plan index of the block.
-        interleave_depth: Number of packets per block, M.
+        lanes: Number of lanes (packets) per block, M.
         seed: Seed of the hash, ξ.
 
     Returns:
@@ -30,7 +30,7 @@ def stratified_lanes(start: int, stop: int, interleave_depth: int, seed: int) ->
     for first in range(start, stop, CHUNK):
         last = min(first + CHUNK, stop)
         plan_indices = np.arange(first, last, dtype=np.uint64)
-        out[first - start : last - start] = splitmix64(plan_indices ^ np.uint64(seed)) % np.uint64(interleave_depth)
+        out[first - start : last - start] = splitmix64(plan_indices ^ np.uint64(seed)) % np.uint64(lanes)
     return out
 
 

@@ -86,7 +86,7 @@ MAX_COPIES = (1 << 16) - 1
 
 @dataclass(frozen=True)
 class StreamSchema:
-    """Properties of a codec schema (coding method) that manifests and packet plans depend on.
+    """Properties of a schema that manifests and packet plans depend on.
 
     Attributes:
         name: Name in the manifest.
@@ -106,9 +106,9 @@ class StreamSchema:
             separate packets.
         tiled: True if a block is a tile that viewers request individually.
         max_tiers: Maximum number of importance tiers.
-        codec: Import path `module:name` of the codec, a `Schema`. Empty if this object itself is a `Schema`, a subclass
-            of `StreamSchema`.
-        scene: Import path `module:name` of the scene class. Empty if this object itself is a `Schema`.
+        codec_path: Import path `module:name` of the complete schema, a `Schema` with encoder and decoder. Empty if this
+            object itself is a `Schema`, a subclass of `StreamSchema`.
+        scene_path: Import path `module:name` of the scene class. Empty if this object itself is a `Schema`.
     """
 
     name: str
@@ -124,13 +124,13 @@ class StreamSchema:
     timed: bool = False
     tiled: bool = False
     max_tiers: int = MAX_TIERS
-    codec: str = ""
-    scene: str = ""
+    codec_path: str = ""
+    scene_path: str = ""
 
 
 HACPP_ANCHORS, CAUSAL, GAUSSIANS, TRACKS = "hacpp", "causal", "gaussians", "tracks"
 LEVELS, UPDATE = "levels", "update"
-"""Codec schemas: anchors of HAC++ (format 1); anchors of the causal model and explicit Gaussians (format 2);
+"""Names of schemas: anchors of HAC++ (format 1); anchors of the causal model and explicit Gaussians (format 2);
 moving Gaussians (format 3); Gaussians with levels of detail (format 4); changes of a stream of Gaussians (format 5).
 """
 FORMAT_1_SECTIONS = (
@@ -141,33 +141,36 @@ SCHEMAS: Registry[StreamSchema] = Registry("schema", "splatwire.schemas")
 for _schema in (
     StreamSchema(
         HACPP_ANCHORS, 1, "anchors", FORMAT_1_SECTIONS, 1024, layout=True, separable=True, page=False,
-        codec="splatwire.codec.anchors.hacpp.schema:SCHEMA", scene="splatwire.types.anchor_scene:AnchorScene",
+        codec_path="splatwire.codec.anchors.hacpp.schema:SCHEMA",
+        scene_path="splatwire.types.anchor_scene:AnchorScene",
     ),
     StreamSchema(
         CAUSAL, 2, "anchors", ("header", "positions", "networks", "render_networks"), 1024,
-        codec="splatwire.codec.anchors.causal.schema:SCHEMA", scene="splatwire.types.anchor_scene:AnchorScene",
+        codec_path="splatwire.codec.anchors.causal.schema:SCHEMA",
+        scene_path="splatwire.types.anchor_scene:AnchorScene",
     ),
     StreamSchema(
         GAUSSIANS, 2, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
-        codec="splatwire.codec.gaussians.schema:SCHEMA", scene="splatwire.types.splat_scene:SplatScene",
+        codec_path="splatwire.codec.gaussians.schema:SCHEMA", scene_path="splatwire.types.splat_scene:SplatScene",
     ),
     StreamSchema(
         LEVELS, 4, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
-        tiled=True, codec="splatwire.codec.lod.schema:SCHEMA", scene="splatwire.types.lod_scene:LevelScene",
+        tiled=True, codec_path="splatwire.codec.lod.schema:SCHEMA", scene_path="splatwire.types.lod_scene:LevelScene",
     ),
     StreamSchema(
         UPDATE, 5, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
-        page=False, codec="splatwire.codec.update.schema:SCHEMA", scene="splatwire.types.update_scene:UpdateScene",
+        page=False, codec_path="splatwire.codec.update.schema:SCHEMA",
+        scene_path="splatwire.types.update_scene:UpdateScene",
     ),
     StreamSchema(
         TRACKS, 3, "tracks", ("clip", "keyframes", "motion"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
-        timed=True, max_tiers=MAX_SPANS, codec="splatwire.codec.sequence.schema:SCHEMA",
-        scene="splatwire.types.sequence_scene:SequenceScene",
+        timed=True, max_tiers=MAX_SPANS, codec_path="splatwire.codec.sequence.schema:SCHEMA",
+        scene_path="splatwire.types.sequence_scene:SequenceScene",
     ),
 ):  # fmt: skip
     SCHEMAS.register(_schema.name, _schema, f"{__name__}.{_schema.name}")
 UNNAMED_SCHEMA = HACPP_ANCHORS
-"""Schema of manifests without a codec field, which are of format 1."""
+"""Schema of manifests without a field `codec`, which are of format 1."""
 
 RESERVED_SECTIONS = FORMAT_1_SECTIONS
 """Names that no named section may have, for any schema."""

@@ -44,9 +44,10 @@ class Manifest:
         stream_id: Id in every packet of the stream, 32 bits.
         side_info_bytes: Size of the side information, bytes.
         side_info_digest: SHA-256 of the side information, hexadecimal.
-        symbols_digest: SHA-256 of all decoded integers of the complete stream, hexadecimal.
+        symbols_digest: SHA-256 of all integers that a decoder of the complete stream obtains, hexadecimal
+            (`CodedPackets.decoded_rows`; not always the entropy-coded symbols).
         writer: Program that wrote the stream.
-        codec: Name of the codec schema, a key of `splatwire.bitstream.limits.SCHEMAS`.
+        schema_name: Name of the schema, a key of `splatwire.bitstream.limits.SCHEMAS`.
         feature_dim: Number of channels of the anchor feature, F; 0 if the side information contains this number.
         num_offsets: Number of offsets per anchor, K; 0 if the side information contains this number.
         feature_groups: Sizes of the feature's channel groups, in coding order.
@@ -64,7 +65,7 @@ class Manifest:
     side_info_digest: str
     symbols_digest: str
     writer: str
-    codec: str = UNNAMED_SCHEMA
+    schema_name: str = UNNAMED_SCHEMA
     feature_dim: int = 0
     num_offsets: int = 0
     feature_groups: tuple[int, ...] = ()
@@ -72,8 +73,8 @@ class Manifest:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if SCHEMAS.find(self.codec) is None:
-            raise UnknownNameError("codec of a stream", self.codec, SCHEMAS.known_names())
+        if SCHEMAS.find(self.schema_name) is None:
+            raise UnknownNameError("schema of a stream", self.schema_name, SCHEMAS.known_names())
         lower, upper = (1, MAX_FEATURE_DIM) if self.schema.layout else (0, 0)
         for name, low, high in (
             ("num_elements", 0, MAX_ELEMENTS),
@@ -101,7 +102,7 @@ class Manifest:
     @property
     def schema(self) -> StreamSchema:
         """Schema of the stream's elements."""
-        return SCHEMAS[self.codec]
+        return SCHEMAS[self.schema_name]
 
     @property
     def format_version(self) -> int:
@@ -137,9 +138,10 @@ class Manifest:
 _SHA256 = re.compile("[0-9a-f]{64}", re.ASCII)
 _WRITER = re.compile(f"[ -~]{{0,{MAX_WRITER_LENGTH}}}", re.ASCII)
 _TYPE_NAMES = {int: "an integer", str: "text", list: "a list", dict: "an object"}
-_COUNT = "num_anchors"  # number of elements; the name dates from version 1, which had anchors only
+_KEYS = {"num_elements": "num_anchors", "schema_name": "codec"}
+"""Keys in JSON that differ from the name of the field. `num_anchors` dates from version 1, which had anchors only."""
 _JSON_TYPES: dict[str, type] = {
-    **{_COUNT if f.name == "num_elements" else f.name: int for f in fields(Manifest)},
+    **{_KEYS.get(f.name, f.name): int for f in fields(Manifest)},
     **dict.fromkeys(("stream_id", "side_info_digest", "symbols_digest", "writer", "codec"), str),
     "format_version": int,
     "packetization": dict,
@@ -196,10 +198,10 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
     if content.pop("format_version") != (schema.format_version if schema else None):
         raise BitstreamError(f"{name}: format_version {version} has no codec {ascii(content.get('codec'))[:40]}")
     try:
-        content["num_elements"] = content.pop(_COUNT)
+        named = {_KEYS.get(name, name): name for name in Manifest.__dataclass_fields__}
         return Manifest(
             **{
-                **content,
+                **{named[key]: value for key, value in content.items()},
                 "packetization": Packetization(**content["packetization"]),
                 "feature_groups": tuple(content.get("feature_groups", ())),
                 "stream_id": _stream_id(content["stream_id"]),
@@ -210,14 +212,18 @@ def manifest_from_bytes(data: bytes, name: str = "manifest.json") -> Manifest:
         raise BitstreamError(f"{name}: {error}") from error
 
 
-def _schema(codec: str, name: str) -> StreamSchema | None:
-    """Returns the codec schema (coding method) with a given name, or None if unknown.
+def _schema(schema_name: str, name: str) -> StreamSchema | None:
+    """Returns the schema with a given name, or None if unknown.
+
+    Args:
+        schema_name: Name of the schema.
+        name: Source of the manifest, for error messages.
 
     Raises:
         BitstreamError: If the package that provides it cannot be used.
     """
     try:
-        return SCHEMAS.find(codec)
+        return SCHEMAS.find(schema_name)
     except InvalidValueError as error:
         raise BitstreamError(f"{name}: {error}") from error
 
@@ -249,9 +255,8 @@ def _expected_fields(version: object, tiers: bool) -> dict[str, type]:
 
 def _content(manifest: Manifest) -> dict[str, Any]:
     content = {
-        **asdict(manifest),
+        **{_KEYS.get(name, name): value for name, value in asdict(manifest).items()},
         "format_version": manifest.format_version,
-        _COUNT: manifest.num_elements,
         "packetization": _packetization_content(manifest.packetization),
         "schema": MANIFEST_FORMAT,
         "stream_id": f"{manifest.stream_id:08x}",

@@ -89,7 +89,7 @@ class SceneStream:
         Raises:
             InvalidValueError: If the stream is an update.
         """
-        if self.manifest.codec == UPDATE:
+        if self.manifest.schema_name == UPDATE:
             raise InvalidValueError(
                 f"{source} is an update, which has only the changes of a scene: `apply` makes a stream of both"
             )
@@ -113,7 +113,9 @@ class SceneStream:
 
 @checked
 def make_stream_id(packetization: Packetization, side_info: bytes, packets: Sequence[Packet]) -> int:
-    """Returns the id of a stream: 32 bits of a SHA-256 of the content.
+    """Returns the id of a new stream: 32 bits of a SHA-256 of the content.
+
+    Sections that are added or removed later (`with_section`, `without_section`) do not change the id of the stream.
 
     Args:
         packetization: Parameters of the division into packets.
@@ -141,7 +143,7 @@ def make_stream(
     symbols_digest: str,
     writer: str,
     tiers: tuple[TierCounts, ...] = (),
-    codec: str = UNNAMED_SCHEMA,
+    schema_name: str = UNNAMED_SCHEMA,
     feature_dim: int = 0,
     num_offsets: int = 0,
     feature_groups: tuple[int, ...] = (),
@@ -153,10 +155,10 @@ def make_stream(
         num_elements: Number of elements of the scene, N.
         side_info: The side information.
         packets: All packets. Their stream ids are replaced by the id of the new stream.
-        symbols_digest: SHA-256 of all decoded integers, hexadecimal.
+        symbols_digest: SHA-256 of all decoded integers (see `Manifest.symbols_digest`), hexadecimal.
         writer: Name and version of the program.
         tiers: Element counts of the importance tiers; empty for a single tier.
-        codec: Schema of the elements.
+        schema_name: Name of the schema of the elements, a key of `splatwire.bitstream.limits.SCHEMAS`.
         feature_dim: Channels of the anchor feature, F; 0 for Gaussians.
         num_offsets: Offsets per anchor, K; 0 for Gaussians.
         feature_groups: Sizes of the feature's channel groups.
@@ -168,7 +170,7 @@ def make_stream(
     manifest = Manifest(
         packetization=packetization,
         num_elements=num_elements,
-        codec=codec,
+        schema_name=schema_name,
         feature_dim=feature_dim,
         num_offsets=num_offsets,
         feature_groups=feature_groups,

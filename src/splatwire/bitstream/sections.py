@@ -66,14 +66,14 @@ def _problem(sections: Mapping[str, bytes]) -> str | None:
     return None
 
 
-def split_sections(side_info: bytes, codec: str) -> tuple[bytes, dict[str, bytes]]:
+def split_sections(side_info: bytes, schema_name: str) -> tuple[bytes, dict[str, bytes]]:
     """Divides side information into the fixed part and the named sections (content by name).
 
     Raises:
         BitstreamError: If the bytes are not side information.
     """
     reader = ByteReader(side_info, "side information")
-    for _ in SCHEMAS[codec].sections:
+    for _ in SCHEMAS[schema_name].sections:
         reader.blob()
     rest = reader.rest()
     return side_info[: len(side_info) - len(rest)], read_sections(rest)
@@ -85,19 +85,19 @@ def sections_of(stream: SceneStream) -> dict[str, bytes]:
     Raises:
         BitstreamError: If its side information is damaged or missing.
     """
-    return split_sections(stream.side_info, stream.manifest.codec)[1]
+    return split_sections(stream.side_info, stream.manifest.schema_name)[1]
 
 
 @checked
-def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
+def side_info_parts(data: bytes, schema_name: str) -> dict[str, int]:
     """Returns the size of each section of side information, bytes, by section name.
 
     Raises:
         BitstreamError: If the bytes are not side information.
     """
-    fixed, sections = split_sections(data, codec)
+    fixed, sections = split_sections(data, schema_name)
     reader, sizes = ByteReader(fixed, "side information"), dict[str, int]()
-    for name in SCHEMAS[codec].sections:
+    for name in SCHEMAS[schema_name].sections:
         before = reader.left
         reader.blob()
         sizes[name] = before - reader.left
@@ -108,7 +108,7 @@ def side_info_parts(data: bytes, codec: str) -> dict[str, int]:
 def with_section(stream: SceneStream, name: str, data: bytes) -> SceneStream:
     """Adds a named section to a stream's side information.
 
-    An existing section of the same name is replaced.
+    An existing section of the same name is replaced. The stream id stays, so that the packets remain valid.
 
     Args:
         stream: The stream, complete or not.
@@ -122,7 +122,7 @@ def with_section(stream: SceneStream, name: str, data: bytes) -> SceneStream:
         InvalidValueError: If the name is invalid or the section is too large.
         BitstreamError: If the stream's side information is damaged or missing.
     """
-    fixed, sections = split_sections(stream.side_info, stream.manifest.codec)
+    fixed, sections = split_sections(stream.side_info, stream.manifest.schema_name)
     return _with_side_info(stream, fixed + write_sections({**sections, name: data}))
 
 
@@ -140,7 +140,7 @@ def without_section(stream: SceneStream, name: str) -> SceneStream:
     Raises:
         BitstreamError: If the stream's side information is damaged or missing.
     """
-    fixed, sections = split_sections(stream.side_info, stream.manifest.codec)
+    fixed, sections = split_sections(stream.side_info, stream.manifest.schema_name)
     return _with_side_info(stream, fixed + write_sections({n: d for n, d in sections.items() if n != name}))
 
 

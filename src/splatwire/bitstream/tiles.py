@@ -78,7 +78,7 @@ def read_tiles(manifest: Manifest, side_info: bytes) -> Tiles:
     Raises:
         BitstreamError: If the index of tiles is absent, or the side information is damaged.
     """
-    index = read_tile_index(manifest, split_sections(side_info, manifest.codec)[1])
+    index = read_tile_index(manifest, split_sections(side_info, manifest.schema_name)[1])
     plan = manifest.plan
     spans, (low, high) = plan.spans, _boxes(side_info, plan.num_blocks)
     levels = np.repeat(np.arange(len(spans) - 1, -1, -1), [span.num_blocks for span in spans])

@@ -50,19 +50,19 @@ class VectorSection:
         """
         return self.read(sections_of(stream))
 
-    def of_side_info(self, side_info: bytes, codec: str) -> Vector:
+    def of_side_info(self, side_info: bytes, schema_name: str) -> Vector:
         """Reads the three numbers of the section from serialised side information.
 
         Returns the default numbers (`usual`) if the side information has no such section.
 
         Args:
             side_info: The side information.
-            codec: Name of the stream's codec schema.
+            schema_name: Name of the stream's schema.
 
         Raises:
             BitstreamError: If the bytes are not side information, or the section is damaged.
         """
-        return self.read(split_sections(side_info, codec)[1])
+        return self.read(split_sections(side_info, schema_name)[1])
 
     def read(self, sections: Mapping[str, bytes]) -> Vector:
         """Reads the three numbers from the sections of a stream, or returns the default.

@@ -105,7 +105,7 @@ def _data(command: CalibrateGnn, show: Reporter) -> tuple[SceneStream, Calibrati
         cameras = load_cameras(command.cameras)
         cameras = cameras.scaled(min(1.0, (command.render_width or _RENDER_WIDTH) / cameras.width))
     stream = complete_stream(command.source, show)
-    if Prior not in schema_named(stream.manifest.codec).provides:
+    if Prior not in schema_named(stream.manifest.schema_name).provides:
         raise InvalidValueError(f"the network is for anchors, and this stream of {stream.manifest.elements} has none")
     complete = decode_stream(stream, progress=lambda share: show("decoding", share))
     data = calibration_data(stream, complete, cameras)

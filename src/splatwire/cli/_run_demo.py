@@ -74,7 +74,7 @@ def study(command: Demo) -> Study:
     """Returns the definition of the demo's evaluation."""
     source = ASSETS / SCENE
     stream, _ = read_stream(source)
-    concealers = concealer_names(sections_of(stream), schema_named(stream.manifest.codec).provides)
+    concealers = concealer_names(sections_of(stream), schema_named(stream.manifest.schema_name).provides)
     contiguous = replace(stream.manifest.packetization, grouping="contiguous")
     loss = Loss(command.loss)
     return Study(

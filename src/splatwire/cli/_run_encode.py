@@ -20,8 +20,8 @@ from splatwire.cli._scenes import chosen_background
 from splatwire.cli.encode import Encode
 from splatwire.codec import encode_scene, schema_of, with_section
 from splatwire.codec.gaussians.quality import Quality, quality_of
-from splatwire.codec.viewpoint import SECTION as VIEWPOINT
-from splatwire.codec.viewpoint import UP_SECTION, viewpoint_section
+from splatwire.codec.initial_view import SECTION as INITIAL_VIEW
+from splatwire.codec.initial_view import UP_SECTION, initial_view_section
 from splatwire.errors import InvalidValueError
 from splatwire.files.kinds import SOG_LEVELS, file_kind
 from splatwire.io import open_scene
@@ -193,7 +193,7 @@ def _encode_scene(command: Encode, source: Path) -> None:
                 tiers = _tiers(command, encoded_scene, cameras)
                 stream = encode_scene(encoded_scene, packetization, tiers=tiers, **options)
             if cameras is not None:
-                stream = with_section(stream, VIEWPOINT, viewpoint_section(cameras))
+                stream = with_section(stream, INITIAL_VIEW, initial_view_section(cameras))
             if up:
                 stream = with_section(stream, UP_SECTION, up.encode())
             if _allows_sketch(command) and not with_levels and not command.no_sketch:

@@ -49,8 +49,8 @@ def _describe_stream(stream: SceneStream, report: ReadReport) -> dict[str, Any]:
     return {
         "kind": "stream",
         **sizes.to_json(),
-        "codec": manifest.codec,
-        "side_info_parts": side_info_parts(stream.side_info, manifest.codec),
+        "codec": manifest.schema_name,
+        "side_info_parts": side_info_parts(stream.side_info, manifest.schema_name),
         "num_packets_expected": manifest.num_packets,
         "num_lost_packets": report.num_missing,
         "packets": read_report_json(report),

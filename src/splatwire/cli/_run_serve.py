@@ -300,5 +300,5 @@ def prepare_served_stream(stream: SceneStream, protection: Protection) -> Served
         from splatwire.sequence.importance import stream_importance  # decodes, with libraries that a relay lacks
 
         importance = stream_importance(stream)
-    preview = stream_preview(stream.side_info, stream.manifest.codec)
+    preview = stream_preview(stream.side_info, stream.manifest.schema_name)
     return make_served_stream(stream, protection, preview=preview, importance=importance)

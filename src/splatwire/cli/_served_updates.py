@@ -200,7 +200,7 @@ def _read_update(path: Path) -> SceneStream:
         OSError: If the file cannot be read.
     """
     update = read_stream(path)[0]
-    if update.manifest.codec != UPDATE:
+    if update.manifest.schema_name != UPDATE:
         raise BitstreamError(f"the stream has {update.manifest.elements}, it is not an update")
     if len(update.packets) < update.manifest.num_packets:
         raise BitstreamError("packets of the update are missing")

@@ -26,8 +26,8 @@ from splatwire.cli._training import (
 from splatwire.cli.train import Train
 from splatwire.codec import encode_scene, with_section
 from splatwire.codec.gaussians.quality import quality_of
-from splatwire.codec.viewpoint import SECTION as VIEWPOINT
-from splatwire.codec.viewpoint import viewpoint_section
+from splatwire.codec.initial_view import SECTION as INITIAL_VIEW
+from splatwire.codec.initial_view import initial_view_section
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.io import open_scene, save_scene
@@ -113,13 +113,15 @@ def _write(scene: SplatScene, train: Dataset, output: Path) -> int | None:
 
     Args:
         scene: The trained scene.
-        train: Dataset with the training views; their cameras give a stream its initial viewpoint.
+        train: Dataset with the training views; their cameras give a stream its initial view.
         output: Path of the output.
     """
     if not output.name.lower().endswith(FILE_SUFFIX):
         save_scene(scene, output)
         return None
-    stream = with_section(encode_scene(scene), VIEWPOINT, viewpoint_section(train.cameras.relative_to(scene.origin)))
+    stream = with_section(
+        encode_scene(scene), INITIAL_VIEW, initial_view_section(train.cameras.relative_to(scene.origin))
+    )
     write_stream(stream, output)
     return stream.num_bytes
 

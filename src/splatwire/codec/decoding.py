@@ -8,11 +8,11 @@ from splatwire.arguments import check_threads, checked_except
 from splatwire.bitstream import Manifest, Packet, SceneStream, arrived_blocks
 from splatwire.bitstream.sections import split_sections
 from splatwire.codec.background import BACKGROUND
+from splatwire.codec.initial_view import check_view_sections
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
 from splatwire.codec.schema import CHUNK, DecodedRows, Decoder, PacketBatch
 from splatwire.codec.threads import ordered_map
-from splatwire.codec.viewpoint import check_viewpoint
 from splatwire.errors import DesyncError, check_kind, check_progress
 from splatwire.types.received_scene import ReceivedScene
 
@@ -80,11 +80,11 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
         MissingSideInfoError: If the side information is missing.
         BitstreamError: If the side information is damaged or contradicts the manifest.
     """
-    schema = schema_named(manifest.codec)
+    schema = schema_named(manifest.schema_name)
     decoder = schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)
-    sections = split_sections(side_info, manifest.codec)[1]
+    sections = split_sections(side_info, manifest.schema_name)[1]
     BACKGROUND.read(sections)
-    check_viewpoint(sections)
+    check_view_sections(sections)
     return decoder
 
 

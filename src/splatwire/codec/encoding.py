@@ -122,13 +122,13 @@ def repack(
     missing = stream.manifest.num_packets - len(stream.packets)
     if missing:
         raise InvalidValueError(f"{missing} packets are missing: only a complete stream can be put into other packets")
-    schema = schema_named(stream.manifest.codec)
+    schema = schema_named(stream.manifest.schema_name)
     if schema.prepare_repack is None:
         raise InvalidValueError(f"packets of {stream.manifest.elements} cannot be changed: encode the scene again")
     if not stream.manifest.num_packets:  # an update that only removes Gaussians
         return make_stream(
             packetization=packetization, num_elements=0, side_info=stream.side_info, packets=(),
-            symbols_digest=stream.manifest.symbols_digest, writer=f"splatwire {__version__}", codec=schema.name,
+            symbols_digest=stream.manifest.symbols_digest, writer=f"splatwire {__version__}", schema_name=schema.name,
         )  # fmt: skip
     packed = encode_prepared(schema, schema.prepare_repack(stream, packetization, threads), threads, progress)
     return schema.remap_sections(stream, packed)
@@ -155,7 +155,7 @@ def into_datagrams(stream: SceneStream, progress: Progress | None = None) -> Sce
 def can_repack(stream: SceneStream) -> bool:
     """True if a stream can be divided into other packets."""
     # False for Gaussians of older releases, whose decoded integers depend on the split into packets.
-    schema = schema_named(stream.manifest.codec)
+    schema = schema_named(stream.manifest.schema_name)
     return schema.prepare_repack is not None and schema.can_repack(stream)
 
 
@@ -184,7 +184,7 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
     return make_stream(
         packetization=plan.packetization, num_elements=plan.num_elements, side_info=prepared.side_info,
         packets=_consume(packets), symbols_digest=digest.hexdigest(), writer=f"splatwire {__version__}",
-        tiers=plan.tiers, codec=schema.name, **prepared.manifest_fields,
+        tiers=plan.tiers, schema_name=schema.name, **prepared.manifest_fields,
     )  # fmt: skip
 
 

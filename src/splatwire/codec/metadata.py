@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from splatwire.codec.viewpoint import MAX_UP, MIN_UP, UP_SECTION
-from splatwire.codec.viewpoint import SECTION as VIEWPOINT
+from splatwire.codec.initial_view import MAX_UP, MIN_UP, UP_SECTION
+from splatwire.codec.initial_view import SECTION as INITIAL_VIEW
 from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteReader
 from splatwire.types.metadata import UP_AXES, SceneMetadata, metadata_from_json, metadata_to_json
@@ -26,14 +26,14 @@ def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
     up, view = content.pop("up", None), content.pop("view", None)
     if up is not None:
         sections[UP_SECTION] = up.encode()
-    if view is not None and (data := _viewpoint_section(view)) is not None:
-        sections[VIEWPOINT] = data
+    if view is not None and (data := _initial_view_section(view)) is not None:
+        sections[INITIAL_VIEW] = data
     if content:
         sections[SECTION] = json.dumps(content, sort_keys=True, ensure_ascii=False).encode()
     return sections
 
 
-def _viewpoint_section(view: list[float]) -> bytes | None:
+def _initial_view_section(view: list[float]) -> bytes | None:
     """Serialises an initial view; logs a warning and returns None if eye and target are equal in float32.
 
     Args:
@@ -54,7 +54,7 @@ def _viewpoint_section(view: list[float]) -> bytes | None:
 def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
     """Parses the metadata in named sections.
 
-    The caller must have checked initial view and up axis with `check_viewpoint`.
+    The caller must have checked initial view and up axis with `check_view_sections`.
 
     Raises:
         BitstreamError: If the section `metadata` is not a JSON object, or is larger than 64 KiB.
@@ -69,7 +69,7 @@ def read_metadata(sections: Mapping[str, bytes]) -> SceneMetadata:
     texts = {name: value for name, value in content.items() if name not in ("up", "view")}
     up = sections.get(UP_SECTION, b"").decode("latin-1")
     fields: dict[str, object] = {**texts, **({"up": up} if up in UP_AXES else {})}
-    if VIEWPOINT in sections:
-        reader = ByteReader(sections[VIEWPOINT], f"section '{VIEWPOINT}'")
+    if INITIAL_VIEW in sections:
+        reader = ByteReader(sections[INITIAL_VIEW], f"section '{INITIAL_VIEW}'")
         fields["view"] = [reader.f32() for _ in range(9)]
     return metadata_from_json(fields, "the stream")

@@ -9,14 +9,14 @@ from splatwire.bitstream.origin import ORIGIN
 from splatwire.bitstream.tile_index import SECTION as TILES
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND
+from splatwire.codec.initial_view import EXTENT_SECTION as EXTENT
+from splatwire.codec.initial_view import SECTION as INITIAL_VIEW
+from splatwire.codec.initial_view import UP_SECTION as UP
 from splatwire.codec.metadata import SECTION as METADATA
 from splatwire.codec.preview import SECTION as PREVIEW
 from splatwire.codec.tier_sizes import SECTION as TIER_SIZES
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.update.section import SECTION as UPDATE
-from splatwire.codec.viewpoint import EXTENT_SECTION as EXTENT
-from splatwire.codec.viewpoint import SECTION as VIEWPOINT
-from splatwire.codec.viewpoint import UP_SECTION as UP
 
 _OTHERS = (
     ANTIALIASED,
@@ -24,7 +24,7 @@ _OTHERS = (
     TIERS,
     TIER_SIZES,
     PREVIEW,
-    VIEWPOINT,
+    INITIAL_VIEW,
     UP,
     EXTENT,
     TILES,

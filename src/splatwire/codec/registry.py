@@ -50,11 +50,11 @@ def schema_named(name: str) -> Schema:
         InvalidValueError: If the package that provides it cannot be loaded.
     """
     entry = SCHEMAS[name]
-    if not isinstance(entry, Schema) and not entry.codec:
+    if not isinstance(entry, Schema) and not entry.codec_path:
         coded = (
             name_of_codec
             for name_of_codec, schema in SCHEMAS.registered().items()
-            if schema.codec or isinstance(schema, Schema)
+            if schema.codec_path or isinstance(schema, Schema)
         )
         raise UnknownNameError("schema", name, coded)
     return _load_codec(entry)
@@ -81,7 +81,7 @@ def _most_specific(scene: Any, schemas: Iterable[StreamSchema]) -> Schema | None
     type_names = {f"{kind.__module__}:{kind.__qualname__}" for kind in kinds}
     fitting: dict[int, list[Schema]] = {}
     for stream_schema in schemas:
-        if not isinstance(stream_schema, Schema) and stream_schema.scene not in type_names:
+        if not isinstance(stream_schema, Schema) and stream_schema.scene_path not in type_names:
             continue
         schema = _load_codec(stream_schema)
         if isinstance(scene, schema.scene_type) and schema.can_encode(scene):
@@ -105,7 +105,7 @@ def _load_codec(stream_schema: StreamSchema) -> Schema:
     # Stream readers register only the properties of streams, to avoid importing the codec.
     if isinstance(stream_schema, Schema):
         return stream_schema
-    module, _, name = stream_schema.codec.partition(":")
+    module, _, name = stream_schema.codec_path.partition(":")
     try:
         schema: Schema = getattr(importlib.import_module(module), name)
     except ModuleNotFoundError as error:

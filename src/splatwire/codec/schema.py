@@ -1,6 +1,6 @@
 """Interface between the codec and the kinds of scene that it can encode.
 
-A codec schema names the encoder and the decoder of one kind of scene, such as explicit Gaussians. This module defines
+A schema names the encoder and the decoder of one kind of scene, such as explicit Gaussians. This module defines
 the data class of a schema, and the typing protocols (structural types) for its encoder and its decoder.
 """
 
@@ -176,11 +176,11 @@ class Schema(StreamSchema):
     remap_sections: Callable[[SceneStream, SceneStream], SceneStream] = lambda stream, packed: packed
 
 
-def schema_for(stream_schema: StreamSchema, **codec: Any) -> Schema:
+def schema_for(stream_schema: StreamSchema, **attributes: Any) -> Schema:
     """Creates the definition of a codec (`Schema`) from stream properties, encoder and decoder.
 
     Args:
         stream_schema: Properties of the codec's streams, such as name and format version.
-        **codec: The other attributes of `Schema` as keyword arguments, such as the encoder and the decoder.
+        **attributes: The other attributes of `Schema` as keyword arguments, such as the encoder and the decoder.
     """
-    return Schema(**{**vars(stream_schema), "codec": "", "scene": ""}, **codec)
+    return Schema(**{**vars(stream_schema), "codec_path": "", "scene_path": ""}, **attributes)

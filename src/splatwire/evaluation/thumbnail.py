@@ -13,7 +13,7 @@ from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import decode_stream
-from splatwire.codec.viewpoint import Viewpoint, read_viewpoint
+from splatwire.codec.initial_view import InitialView, read_initial_view
 from splatwire.concealment import conceal_if_received, create_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import to_pixels
@@ -36,13 +36,13 @@ _TRIAL_PIXELS = 128
 _JPEG_QUALITY = 85
 
 
-def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint | None = None) -> np.ndarray:
+def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, view: InitialView | None = None) -> np.ndarray:
     """Renders a thumbnail of a scene.
 
     Args:
         scene: The scene.
         size: Width and height, pixels.
-        viewpoint: Viewpoint of the thumbnail. If it is None, several views of the whole scene are compared, and the
+        view: View of the thumbnail. If it is None, several views of the whole scene are compared, and the
             view with the most detail is used.
 
     Returns:
@@ -54,7 +54,7 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
     width, height = size
     if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE):
         raise InvalidValueError(f"a thumbnail has 1 to {MAX_SIDE} pixels in each direction, not {width} x {height}")
-    camera = _best_side(scene, min(size)) if viewpoint is None else _camera_at(viewpoint, min(size))
+    camera = _best_side(scene, min(size)) if view is None else _camera_at(view, min(size))
     intrinsics = camera.Ks.copy()
     intrinsics[:, 0, 2], intrinsics[:, 1, 2] = width / 2, height / 2
     (image,) = iterate_views(scene, replace(camera, Ks=intrinsics, width=width, height=height))
@@ -62,7 +62,7 @@ def thumbnail(scene: Scene, size: tuple[int, int] = SIZE, viewpoint: Viewpoint |
 
 
 def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """Renders a thumbnail of a stream from the initial viewpoint that the stream declares.
+    """Renders a thumbnail of a stream from the initial view that the stream declares.
 
     For a sequence, the first frame is rendered.
 
@@ -73,11 +73,11 @@ def stream_thumbnail(stream: SceneStream, size: tuple[int, int] = SIZE) -> np.nd
     Returns:
         The picture, uint8 (height, width, 3).
     """
-    viewpoint = read_viewpoint(sections_of(stream))
+    view = read_initial_view(sections_of(stream))
     received = decode_stream(stream)
     if stream.manifest.schema.timed:
-        return thumbnail(decode_frame(received.scene, 0).scene, size, viewpoint)
-    return thumbnail(conceal_if_received(received, create_concealer("drop")), size, viewpoint)
+        return thumbnail(decode_frame(received.scene, 0).scene, size, view)
+    return thumbnail(conceal_if_received(received, create_concealer("drop")), size, view)
 
 
 def picture_bytes(pixels: np.ndarray, suffix: str) -> bytes:
@@ -115,8 +115,8 @@ def _detail(image: Float[np.ndarray, "H W 3"]) -> float:
     return float(np.abs(np.diff(image, axis=0)).mean() + np.abs(np.diff(image, axis=1)).mean())
 
 
-def _camera_at(view: Viewpoint, size: int) -> Cameras:
-    """Returns a square camera with a field of view of 60 degrees at a viewpoint."""
+def _camera_at(view: InitialView, size: int) -> Cameras:
+    """Returns a square camera with a field of view of 60 degrees that has a view."""
     eye, target, up = (np.array(vector, np.float64) for vector in view)
     distance = float(np.linalg.norm(target - eye))
     ahead = (target - eye) / distance
@@ -130,4 +130,4 @@ def _camera_at(view: Viewpoint, size: int) -> Cameras:
     focal = size / 2 / math.tan(math.pi / 6)
     intrinsics = np.array([[focal, 0, size / 2], [0, focal, size / 2], [0, 0, 1]], np.float32)
     near = min(NEAR_DEPTH, NEAR_DEPTH * distance)
-    return Cameras(pose[None].astype(np.float32), intrinsics[None], size, size, ("viewpoint",), near_depth=near)
+    return Cameras(pose[None].astype(np.float32), intrinsics[None], size, size, ("initial view",), near_depth=near)

@@ -61,6 +61,9 @@ views around a scene."""
 def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> Cameras:
     """Places cameras around a scene without given cameras, to measure how the scene looks.
 
+    Around explicit Gaussians, every second camera is at twice the distance of the others, and some near ones look
+    outwards if the scene encloses them. Around anchors, all cameras are near and look inwards.
+
     Args:
         scene: The scene.
         num_views: Number of cameras.
@@ -69,8 +72,7 @@ def surrounding_cameras(scene: Scene, num_views: int = 16, size: int = 256) -> C
     Raises:
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
-    # For explicit Gaussians, some cameras are near, to show details, and some are far. Near cameras look outwards
-    # if the scene surrounds them. The directions are those of `cameras_around`.
+    # Near cameras show details, far ones the whole. The directions are those of `cameras_around`.
     splats = explicit_gaussians(scene)
     if splats is None:
         return replace(cameras_around(scene.positions, num_views, size), origin=origin_of(scene))
@@ -222,9 +224,9 @@ def orbiting_cameras(
     _check(num_views, size, 1)
     turn = np.array(_UPRIGHT[up])
     step = np.arange(num_views, dtype=np.float64)
-    height, angle = np.full_like(step, -0.25), step * 2 * math.pi / max(num_views, 1)
+    y, angle = np.full_like(step, -0.25), step * 2 * math.pi / max(num_views, 1)
     upright = turn @ np.array([*middle], np.float64)
-    around = _cameras_on_sphere(upright, _RADIUS_FACTOR * radius / math.sin(math.pi / 6), height, angle, size)
+    around = _cameras_on_sphere(upright, _RADIUS_FACTOR * radius / math.sin(math.pi / 6), y, angle, size)
     turned = np.eye(4)
     turned[:3, :3] = turn
     return replace(around, viewmats=(around.viewmats.astype(np.float64) @ turned).astype(np.float32))
@@ -239,7 +241,7 @@ def _check(num_views: int, size: int, count: int) -> None:
 def _cameras_on_sphere(
     middle: Float[np.ndarray, "3"],
     radius: float,
-    height: Float[np.ndarray, "V"],
+    y: Float[np.ndarray, "V"],
     turn: Float[np.ndarray, "V"],
     size: int,
 ) -> Cameras:
@@ -248,13 +250,13 @@ def _cameras_on_sphere(
     Args:
         middle: Centre of the sphere.
         radius: Radius of the sphere.
-        height: Height of each camera as a fraction of the radius, -1 to 1.
+        y: y coordinate of each camera relative to the centre, as a fraction of the radius, -1 to 1; y points down.
         turn: Angle of each camera around the vertical axis, radians.
         size: Width and height of the images, pixels.
     """
-    num_views = len(height)
-    ring = np.sqrt(1 - height * height)
-    outwards = np.stack([ring * np.cos(turn), height, ring * np.sin(turn)], axis=1)
+    num_views = len(y)
+    ring = np.sqrt(1 - y * y)
+    outwards = np.stack([ring * np.cos(turn), y, ring * np.sin(turn)], axis=1)
     right = np.cross(np.array([0.0, 1.0, 0.0]), -outwards)
     right = np.where(np.linalg.norm(right, axis=1, keepdims=True) > 1e-6, right, [1.0, 0.0, 0.0])
     right /= np.linalg.norm(right, axis=1, keepdims=True)

@@ -14,11 +14,11 @@ from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.antialiasing import SECTION as ANTIALIASING
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.gaussians.quality import quality_of
+from splatwire.codec.initial_view import EXTENT_SECTION, UP_SECTION, extent_section, up_sections
+from splatwire.codec.initial_view import SECTION as INITIAL_VIEW
 from splatwire.codec.metadata import metadata_sections
 from splatwire.codec.sequence.encoder import TracksEncoder
 from splatwire.codec.sequence.track_group import TrackGroup
-from splatwire.codec.viewpoint import EXTENT_SECTION, UP_SECTION, extent_section, up_sections
-from splatwire.codec.viewpoint import SECTION as VIEWPOINT
 from splatwire.errors import InvalidValueError
 from splatwire.files.byte_io import ByteWriter
 from splatwire.io.formats.content import coarse_positions
@@ -170,7 +170,7 @@ class SequenceEncoder:
         self._num_frames += 1
         if len(self._group_builder) == self._options.group_frames:
             return self._flush()
-        # By the middle of a group, receivers have the previous one.
+        # Not earlier: in the first half of a group, this work would delay sending the previous group.
         if self._live and 2 * len(self._group_builder) > self._options.group_frames:
             self._tracks_encoder.add_frames(*self._group_builder.tracks_so_far())
         self._finish_deferred_work()
@@ -344,7 +344,7 @@ class SequenceEncoder:
                 if up != "auto":
                     self._sections.pop(UP_SECTION, None)
                     self._sections |= up_sections(up)
-                elif not {UP_SECTION, VIEWPOINT} & set(self._sections):  # unless the frames state it
+                elif not {UP_SECTION, INITIAL_VIEW} & set(self._sections):  # unless the frames state it
                     self._sections |= up_sections(estimate_up_axis(SplatScene(first)))
         self._known_class_offsets = group.keys, class_offsets
         return class_offsets

@@ -165,7 +165,7 @@ class FolderSource:
         if now - self._rechecked_at >= len(self._processed) * RECHECK_INTERVAL_S:
             self._rechecked_at = now
             candidates = names
-        return self._complete(self._new(candidates), now)
+        return self._select_complete(self._new(candidates), now)
 
     def _new(self, names: Iterable[str]) -> list[tuple[Path, os.stat_result, Signature]]:
         """Selects the files that are new or have changed since they were read; returns them sorted by name."""
@@ -191,7 +191,11 @@ class FolderSource:
                 new_files.append((Path(location), status, signature))
         return sorted(new_files, key=lambda item: by_number(item[0]))
 
-    def _complete(self, new: list[tuple[Path, os.stat_result, Signature]], now: float) -> list[Path]:
+    def _select_complete(self, new: list[tuple[Path, os.stat_result, Signature]], now: float) -> list[Path]:
+        """Returns the files that no longer grow, in order.
+
+        A frame that still grows holds back later ones for at most `GROWING_TIMEOUT_S`.
+        """
         ready: list[Path] = []
         is_blocked = False
         for number, (path, status, signature) in enumerate(new):

@@ -82,7 +82,7 @@ class HacppContextModel(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class HacppCoding(CheckedFields):
-    """Networks and quantisation steps of the codec schema `hacpp`, unused by renderers.
+    """Networks and quantisation steps of the schema `hacpp`, unused by renderers.
 
     Attributes:
         context_model: The networks that predict the anchors' attributes.

@@ -63,7 +63,7 @@ class CausalConfig(CheckedFields):
 
 @dataclass(frozen=True, eq=False)
 class CausalCoding(CheckedFields):
-    """Networks and quantisation steps of the codec schema `causal`, unused by renderers.
+    """Networks and quantisation steps of the schema `causal`, unused by renderers.
 
     Offset scale (one number per anchor) and base size (three numbers, one per axis) are quantised as logarithms.
 

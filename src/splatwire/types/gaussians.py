@@ -24,8 +24,8 @@ class Gaussians:
         means: Centres, world units, relative to the scene's origin.
         quats: Unit quaternions, (w, x, y, z).
         scales: Standard deviations along the principal axes, world units.
-        opacities: Opacity at the centre, in (0, 1).
-        colors: RGB in [0, 1].
+        opacities: Opacity at the centre, 0 to 1.
+        colors: RGB, at least 0. Colours of explicit Gaussians may exceed 1.
     """
 
     means: Float[Any, "G 3"]

@@ -40,7 +40,7 @@ class Splats:
         means: Centres, world units, relative to the scene's origin.
         quats: Unit quaternions, (w, x, y, z). Functions that take a scene normalise quaternions of other lengths.
         scales: Standard deviations along the principal axes, world units (linear, not logarithms).
-        opacities: Opacity at the centre, in (0, 1) (not logits).
+        opacities: Opacity at the centre, 0 to 1 (not logits).
         sh: Coefficients of red, green and blue, ordered as in `splatwire.ops.spherical_harmonics`; the colour is 0.5
             plus their sum.
     """

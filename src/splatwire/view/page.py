@@ -5,7 +5,7 @@ import base64
 from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream, send_sequence, stream_to_bytes
 from splatwire.bitstream.origin import ORIGIN
-from splatwire.codec.viewpoint import viewpoint_section
+from splatwire.codec.initial_view import initial_view_section
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.origins import is_loopback
 from splatwire.transport.http.pack import check_page_support
@@ -21,7 +21,7 @@ def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host
     Args:
         name: Title of the stream on the page.
         stream: Stream to show; packets may be missing.
-        cameras: Cameras that determine the initial viewpoint of the page; None for the viewpoint of the stream.
+        cameras: Cameras that determine the initial view of the page; None for that of the stream.
         host: Address that the page server listens on.
 
     Raises:
@@ -40,7 +40,7 @@ def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -
     Args:
         name: Title of the stream on the page.
         relay: Relay of the running transfer.
-        cameras: Cameras that determine the initial viewpoint of the page; None for the viewpoint of the stream. With
+        cameras: Cameras that determine the initial view of the page; None for that of the stream. With
             cameras, call this function after the relay has received the side information (`Relay.headed`).
         host: Address that the page server listens on.
     """
@@ -60,7 +60,7 @@ def _origins(host: str) -> tuple[str, ...] | None:
 def _attributes(cameras: Cameras | None) -> dict[str, str]:
     """Returns the HTML attributes of the page's viewer element.
 
-    `panel` opens the settings panel; `viewpoint`, if cameras are given, sets the initial viewpoint.
+    `panel` opens the settings panel; `viewpoint`, if cameras are given, sets the initial view.
     """
-    begins = {} if cameras is None else {"viewpoint": viewpoint_attribute(viewpoint_section(cameras))}
+    begins = {} if cameras is None else {"viewpoint": viewpoint_attribute(initial_view_section(cameras))}
     return {"panel": "open", **begins}

@@ -128,7 +128,7 @@ class Relay:
             elif isinstance(event, SideInfoArrived):
                 check_page_support(event.manifest)
                 self.manifest = event.manifest
-                self.origin = ORIGIN.of_side_info(event.side_info, event.manifest.codec)
+                self.origin = ORIGIN.of_side_info(event.side_info, event.manifest.schema_name)
                 await self._begin_file(event.manifest.stream_id, file_head(event.manifest, event.side_info))
                 self._begun.set()
                 self._headed.set()

@@ -92,7 +92,7 @@ def rebuilt(stream: SceneStream, side_info: bytes, packets: list) -> SceneStream
     m = stream.manifest
     return make_stream(
         packetization=m.packetization, num_elements=m.num_elements, side_info=side_info, packets=packets,
-        symbols_digest=m.symbols_digest, writer=m.writer, tiers=m.tiers, codec=GAUSSIANS,
+        symbols_digest=m.symbols_digest, writer=m.writer, tiers=m.tiers, schema_name=GAUSSIANS,
     )  # fmt: skip
 
 

@@ -22,7 +22,7 @@ export const FORMAT_1_MESSAGE =
   "This stream has format 1 (anchors of HAC++), which browsers cannot decode: use `splatwire view`, " +
   "train with --model causal, or send explicit Gaussians (`splatwire export ply`, then `splatwire encode`).";
 
-/** Initial viewpoint of a scene, world units. */
+/** View of a camera, world units: initial view of a scene, or the current one. */
 export interface Viewpoint {
   readonly eye: readonly [number, number, number];
   readonly target: readonly [number, number, number];
@@ -109,7 +109,7 @@ export class StreamDecoder {
     return color;
   }
 
-  /** Initial viewpoint; null if the stream has none. */
+  /** Initial view; null if the stream has none. */
   get viewpoint(): Viewpoint | null {
     const section = this.elementDecoder.sections.get(VIEWPOINT);
     if (!section) return null;

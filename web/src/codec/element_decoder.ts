@@ -32,10 +32,10 @@ export interface SequenceDecoder {
   /** Number of motion packets that arrived after their group was shown. */
   readonly numLatePackets: number;
   /**
-   * Releases the packets of all groups before that of a frame and returns their blocks. Those groups cannot be shown
-   * again.
+   * Releases the motion packets of all groups before that of a frame and returns their blocks. Those groups cannot be
+   * shown again. Keyframe Gaussians stay.
    */
-  forget(number: number): number[];
+  forgetMotion(number: number): number[];
 }
 
 export interface DecodedFrame {

@@ -530,7 +530,10 @@ export class Controller {
     this.#gaussiansChanged(this.stage.count, hasNew || (removed.length > 0 && this.#dropsPackets));
   }
 
-  /** Draws a frame, then requests the next one once it is on the screen. */
+  /**
+   * Draws a frame, then requests the next one: with WebGL once the frame is on the screen. Painting without WebGL does
+   * not hold it back.
+   */
   #frame(message: FromWorker & { kind: "frame" }): void {
     const { number, packed } = message,
       { stage } = this;

@@ -47,7 +47,7 @@ export class SplatWire extends Base {
   declare fingerprint: string;
   /** Concealer: `drop`, `grow`, `scene_free` or `sketch`. The empty string means `sketch` if available, else `grow`. */
   declare concealer: string;
-  /** Initial viewpoint, nine numbers: eye, target, up. */
+  /** Initial view, nine numbers: eye, target, up. */
   declare viewpoint: string;
   /** Axis of the scene that points up: `x`, `y` or `z`, or with `-` the opposite direction. */
   declare up: string;

@@ -1,5 +1,5 @@
-// Players of clips: a clock requests the frame that is due. The next frame is requested only once the last one is on
-// the screen, so late frames are skipped.
+// Players of clips: a clock requests the frame that is due. With WebGL, the next frame is requested only once the last
+// one is on the screen, so late frames are skipped; painting without WebGL does not hold it back.
 
 import { createElement, iconButton, setIcon } from "./elements.ts";
 
@@ -87,7 +87,7 @@ export abstract class PlayerBase {
     this.tick();
   }
 
-  /** Announces that a frame is on the screen. */
+  /** Announces that a frame is on the screen, or, without WebGL, that it was handed over for painting. */
   shown(_: number): void {
     this.#waiting = false;
     this.tick();

@@ -16,15 +16,16 @@ export interface Counts {
   readonly seconds: number;
 }
 
-/** Source of packets read from the stream's file. The source of a session is its `Welcome.orderDigest`. */
-export const FILE = "file";
+/** Order of the packets in the stream's file. That of a session is its `Welcome.orderDigest`. */
+export const FILE_ORDER = "file";
 
-/** Source of packets with an uncertain position. */
-export const NO_SOURCE = "";
+/** Order of packets with an uncertain position. */
+export const UNKNOWN_ORDER = "";
 
-/** A packet and its position. Block and index in its header identify it; the position is specific to the source. */
+/** A packet and its position in an order. Block and index in its header identify it. */
 export interface ReceivedPacket {
-  readonly source: string;
+  /** Order in which `position` counts: `FILE_ORDER`, `UNKNOWN_ORDER`, or the digest of a session's sending order. */
+  readonly order: string;
   /** In a file: offset of the size field, bytes. In a session: index in the sending order. */
   readonly position: number;
   readonly bytes: Uint8Array;

@@ -11,9 +11,9 @@ const MAX_STREAMS = 8;
 /** Delay before packets are written, and timeout of cache operations, milliseconds. */
 const WRITE_MS = 1000;
 const CACHE_TIMEOUT_MS = 3000;
-/** Source name of the record that has the stream's head. */
+/** Name, in place of an order, of the record that has the stream's head. */
 export const HEAD = "head";
-/** Bytes of a record before its source name: sizes of name and content, and the position. */
+/** Bytes of a record before the name of its order: sizes of name and content, and the position. */
 const RECORD_BYTES = 14;
 
 /** Cached records of a stream. */
@@ -67,7 +67,7 @@ export class PacketCache {
       const part = await withTimeout(this.cache.match(key)),
         bytes = part ? await withTimeout(part.arrayBuffer()) : [];
       for (const one of recordsOf(new Uint8Array(bytes))) {
-        if (one.source === HEAD) head = one.bytes;
+        if (one.order === HEAD) head = one.bytes;
         else packets.push(one);
       }
     }
@@ -81,7 +81,7 @@ export class PacketCache {
   /** Starts again with a stream and deletes the records of earlier ones. */
   begin(head: Uint8Array): void {
     void this.clear();
-    this.add([{ source: HEAD, position: 0, bytes: head }]);
+    this.add([{ order: HEAD, position: 0, bytes: head }]);
   }
 
   /** Adds verified packets. */
@@ -141,9 +141,9 @@ function withTimeout<T>(work: Promise<T>): Promise<T> {
   return Promise.race([work, late]).finally(() => clearTimeout(timer));
 }
 
-/** Serialises records: size of the source name (u16), size of the packet (u32), position (f64), name, packet. */
+/** Serialises records: size of the order's name (u16), size of the packet (u32), position (f64), name, packet. */
 export function partOf(packets: readonly ReceivedPacket[]): Uint8Array<ArrayBuffer> {
-  const names = packets.map(({ source }) => new TextEncoder().encode(source)),
+  const names = packets.map(({ order }) => new TextEncoder().encode(order)),
     size = packets.reduce((sum, { bytes }, n) => sum + RECORD_BYTES + names[n].length + bytes.length, 0),
     all = new Uint8Array(size),
     numbers = dataView(all);
@@ -168,9 +168,9 @@ export function recordsOf(bytes: Uint8Array): ReceivedPacket[] {
       end = content + numbers.getUint32(at + 2, true),
       position = numbers.getFloat64(at + 6, true);
     if (end > bytes.length) break;
-    const source = new TextDecoder().decode(bytes.subarray(at + RECORD_BYTES, content));
+    const order = new TextDecoder().decode(bytes.subarray(at + RECORD_BYTES, content));
     if (Number.isSafeInteger(position) && position >= 0)
-      found.push({ source, position, bytes: bytes.slice(content, end) });
+      found.push({ order, position, bytes: bytes.slice(content, end) });
     at = end;
   }
   return found;

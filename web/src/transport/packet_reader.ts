@@ -4,7 +4,7 @@ import { BitstreamError } from "../bytes.ts";
 import { type Head, HeadReader, joined } from "../packets/container.ts";
 import { MAX_PACKET_BYTES } from "../packets/limits.ts";
 import { HEADER_BYTES } from "../packets/packet.ts";
-import { FILE, type Listener, type ReceivedPacket } from "./events.ts";
+import { FILE_ORDER, type Listener, type ReceivedPacket } from "./events.ts";
 import { isIntact, type PacketStore, SIZE_BYTES } from "./packet_store.ts";
 import { dataView } from "./wire_messages.ts";
 
@@ -61,7 +61,7 @@ export class PacketScanner {
       }
       const state = this.#readPacket(bytes, offset);
       if (typeof state === "object") {
-        found.push({ source: FILE, position: this.offset + offset, bytes: state });
+        found.push({ order: FILE_ORDER, position: this.offset + offset, bytes: state });
         this.#damaged = this.#skipped = 0;
         offset += SIZE_BYTES + state.length;
       } else if ((state === "cut" && !last) || bytes.length - offset < SIZE_BYTES + HEADER_BYTES) break;

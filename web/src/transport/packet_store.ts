@@ -1,10 +1,10 @@
-// Received packets of a stream by block and index in it, with their positions in each source. Sources may have
-// different orders. Only missing packets are requested.
+// Received packets of a stream by block and index in it, with their positions in the file and in the orders of
+// sessions. Only missing packets are requested.
 
 import type { Head } from "../packets/container.ts";
 import { identityOf, readPacket } from "../packets/packet.ts";
 import { Intake, planOf } from "../packets/plan.ts";
-import { FILE, NO_SOURCE, type ReceivedPacket } from "./events.ts";
+import { FILE_ORDER, type ReceivedPacket, UNKNOWN_ORDER } from "./events.ts";
 
 /** Bytes of a packet's size field in a file. */
 export const SIZE_BYTES = 4;
@@ -127,12 +127,12 @@ export class PacketStore {
     return added;
   }
 
-  #locate({ source, position, bytes }: ReceivedPacket, identity: number): void {
-    if (source === FILE) return this.#map.add(position, SIZE_BYTES + bytes.length, identity);
-    if (source === NO_SOURCE || position >= this.head!.manifest.numPackets) return;
-    let order = this.#orders.get(source);
-    if (!order) this.#orders.set(source, (order = []));
-    order[position] = identity;
+  #locate({ order, position, bytes }: ReceivedPacket, identity: number): void {
+    if (order === FILE_ORDER) return this.#map.add(position, SIZE_BYTES + bytes.length, identity);
+    if (order === UNKNOWN_ORDER || position >= this.head!.manifest.numPackets) return;
+    let identities = this.#orders.get(order);
+    if (!identities) this.#orders.set(order, (identities = []));
+    identities[position] = identity;
     for (const old of this.#orders.keys()) if (this.#orders.size > MAX_ORDERS) this.#orders.delete(old);
   }
 
@@ -145,16 +145,16 @@ export class PacketStore {
    * Returns one bit per received packet in a session's order, the lowest bit of a byte first. Returns null if the order
    * is unknown or has a packet twice.
    */
-  bitsOf(source: string): Uint8Array | null {
-    const order = this.#orders.get(source);
-    if (!order) return null;
-    const bits = new Uint8Array(Math.ceil(order.length / 8)),
-      identities = new Set<number>();
-    order.forEach((identity, position) => {
-      identities.add(identity!);
+  bitsOf(order: string): Uint8Array | null {
+    const identities = this.#orders.get(order);
+    if (!identities) return null;
+    const bits = new Uint8Array(Math.ceil(identities.length / 8)),
+      distinct = new Set<number>();
+    identities.forEach((identity, position) => {
+      distinct.add(identity!);
       bits[position >> 3] |= 1 << (position & 7);
     });
-    return identities.size === order.filter((identity) => identity !== undefined).length ? bits : null;
+    return distinct.size === identities.filter((identity) => identity !== undefined).length ? bits : null;
   }
 
   /** True if known packets of the file overlap, because its order has changed since some were read. */

@@ -47,8 +47,8 @@ export class Periods {
     const sequence = this.#current?.decoder.elementDecoder.sequence;
     if (!sequence) return null;
     const { firstFrame, timeline, playableEnd } = sequence,
-      running = timeline.numFrames - 1 - ((timeline.numFrames - 1) % timeline.groupFrames);
-    if (this.#begin < 0) this.#begin = firstFrame + running;
+      newestGroupBegin = timeline.numFrames - 1 - ((timeline.numFrames - 1) % timeline.groupFrames);
+    if (this.#begin < 0) this.#begin = firstFrame + newestGroupBegin;
     return { begin: this.#begin, end: Math.max(firstFrame + playableEnd, this.#begin) };
   }
 
@@ -67,7 +67,7 @@ export class Periods {
 
   #periodFrame(stream: DecodedStream, sequence: SequenceDecoder, absolute: number): PeriodFrame {
     const numberInPeriod = Math.min(absolute - sequence.firstFrame, sequence.timeline.numFrames - 1);
-    stream.decoder.intake.forget(sequence.forget(numberInPeriod));
+    stream.decoder.intake.forget(sequence.forgetMotion(numberInPeriod));
     return { stream, sequence, numberInPeriod };
   }
 }

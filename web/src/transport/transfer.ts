@@ -7,7 +7,7 @@ import type { ViewCamera } from "../codec/levels/cut.ts";
 import type { Head } from "../packets/container.ts";
 import { identityOf, readPacket } from "../packets/packet.ts";
 import { sha256 } from "../sha256.ts";
-import { NO_SOURCE, type ReceivedPacket } from "./events.ts";
+import { type ReceivedPacket, UNKNOWN_ORDER } from "./events.ts";
 import { InitSegment } from "./init_segment.ts";
 import {
   DATA,
@@ -384,13 +384,13 @@ export class Transfer {
       return;
     }
     if (!isLive && this.#contradicts(packetIndex, identityOf(packet))) {
-      this.newPackets.push({ source: NO_SOURCE, position: packetIndex, bytes });
+      this.newPackets.push({ order: UNKNOWN_ORDER, position: packetIndex, bytes });
       this.counts.rejected++;
       return;
     }
     if (this.#packetStates[packetIndex] === 1) return void this.counts.duplicates++;
     this.#packetStates[packetIndex] = 1;
-    this.newPackets.push({ source: orderDigest, position: packetIndex, bytes });
+    this.newPackets.push({ order: orderDigest, position: packetIndex, bytes });
     this.counts.packets++;
     this.counts.packetBytes += bytes.length;
   }

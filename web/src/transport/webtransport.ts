@@ -127,8 +127,8 @@ export async function receiveDatagrams(
   send([request]);
   let activityAt = performance.now(),
     lastActivity = NaN,
-    pace = NaN,
-    paceAt = activityAt;
+    activityAtWindowStart = NaN,
+    windowStartedAt = activityAt;
   const reader = new MessageReader();
   readAll(stream.readable, (chunk) => {
     const now = performance.now();
@@ -147,11 +147,11 @@ export async function receiveDatagrams(
       const now = performance.now(),
         latest = transfer.activity;
       if (latest !== lastActivity || now < transfer.waitUntil) [lastActivity, activityAt] = [latest, now];
-      if (transfer.mayIdle || now < transfer.waitUntil || !(Math.abs(latest - pace) < MIN_NEW))
-        [pace, paceAt] = [latest, now];
+      if (transfer.mayIdle || now < transfer.waitUntil || !(Math.abs(latest - activityAtWindowStart) < MIN_NEW))
+        [activityAtWindowStart, windowStartedAt] = [latest, now];
       if (listener.stopped()) transfer.finished = "stopped";
       else if (now - activityAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
-      else if (now - paceAt > PACE_MS) transfer.finished = TOO_SLOW;
+      else if (now - windowStartedAt > PACE_MS) transfer.finished = TOO_SLOW;
       else
         for (const bytes of transfer.welcome ? scheduler.messages(now) : now < transfer.waitUntil ? [] : [request])
           datagramWriter.write(bytes).catch(() => undefined);

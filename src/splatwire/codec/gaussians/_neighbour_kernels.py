@@ -33,7 +33,8 @@ _AGE_BITS = np.int32(6)
 _AGE_MASK = np.int64(WINDOW - 1)
 LUMA_VALUE, CLASS_VALUE = np.int64(4), np.int64(7)
 """Columns of luma and class in `Neighbours.values`. Columns 0 to 3 are those from `OPACITY` to `FLATNESS` of a row."""
-PREDICTED = 8
+NUM_VALUES, NUM_PREDICTED = 8, 7
+"""Number of columns of `Neighbours.values`, and of those that are predicted: the class only selects a context."""
 BIT_LENGTHS = np.array([value.bit_length() for value in range(256)], dtype=np.int64)
 """Number of bits of each integer below 256."""
 
@@ -51,10 +52,10 @@ class Neighbours(NamedTuple):
         group_minima: int32 (`NUM_GROUPS`), smallest key of each group of `WINDOW / NUM_GROUPS` preceding Gaussians.
         indices: int64 (`NUM_NEIGHBOURS`), indices of the neighbours, nearest first.
         weights: float64 (`NUM_NEIGHBOURS`), weights of the neighbours by inverse squared distance.
-        values: float64 (n, `PREDICTED`), decoded attributes that are predicted by the mean over the neighbours.
+        values: float64 (n, `NUM_VALUES`), decoded attributes: those that are predicted, and the class.
         axes: float64 (n, 4), primary axis of each Gaussian, and its kind (0 for the largest scale, 2 for the smallest).
-        means: int64 (`PREDICTED`), weighted mean of each attribute over the neighbours.
-        deviations: int64 (`PREDICTED`), weighted mean deviation of the neighbours from this mean.
+        means: int64 (`NUM_PREDICTED`), weighted mean of each predicted attribute over the neighbours.
+        deviations: int64 (`NUM_PREDICTED`), weighted mean deviation of the neighbours from this mean.
     """
 
     cells: np.ndarray
@@ -84,10 +85,10 @@ def new_neighbours(n):
         np.empty(NUM_GROUPS, np.int32),
         np.empty(NUM_NEIGHBOURS, np.int64),
         np.empty(NUM_NEIGHBOURS, np.float64),
-        np.empty((n, PREDICTED), np.float64),
+        np.empty((n, NUM_VALUES), np.float64),
         np.empty((n, 4), np.float64),
-        np.empty(PREDICTED, np.int64),
-        np.empty(PREDICTED, np.int64),
+        np.empty(NUM_PREDICTED, np.int64),
+        np.empty(NUM_PREDICTED, np.int64),
     )
 
 
@@ -232,7 +233,7 @@ def predict(neighbours, num_neighbours, block_means):
         neighbours.deviations,
     )
     if num_neighbours == 0:
-        for c in range(PREDICTED - 1):
+        for c in range(NUM_PREDICTED):
             means[c], deviations[c] = block_means[c], 0
         return np.int64(0)
     total = a = b = c = d = e = f = g = class_sum = 0.0

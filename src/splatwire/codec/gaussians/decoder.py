@@ -172,7 +172,7 @@ def open_side_info(manifest: Manifest, side_info: bytes) -> SideInfo:
         MissingSideInfoError: If the side information is empty.
         BitstreamError: If the side information is damaged, or the stream does not contain explicit Gaussians.
     """
-    if manifest.codec not in (GAUSSIANS, LEVELS, UPDATE) or manifest.packetization.separated:
+    if manifest.schema_name not in (GAUSSIANS, LEVELS, UPDATE) or manifest.packetization.separated:
         raise BitstreamError("the stream does not hold whole Gaussians")
     if not side_info:
         raise MissingSideInfoError("the stream has no side information: no packet of it can be decoded")

@@ -45,7 +45,9 @@ NUM_DEVIATION_CONTEXTS, NUM_MAGNITUDE_CONTEXTS = 12, 16
 """
 
 STEPS = ("opacity", "scale0", "elongation", "flatness", "position", "direction", "spin", "colour", "harmonics")
-"""Names of the quantities with a separate quantisation step, in the order of the side information."""
+"""Names of the quantities with a separate quantisation step, in the order of the side information. The first four are
+those of `RESIDUAL_KINDS`, in the same order: `_gaussian_kernels.code_logs` uses one index for both.
+"""
 (
     STEP_OPACITY,
     STEP_SCALE0,

@@ -199,7 +199,7 @@ class TracksEncoder:
         return make_stream(
             packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             side_info=side_info, packets=self._packets, symbols_digest=self._digest.hexdigest(),
-            writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
+            writer=f"splatwire {__version__}", tiers=tiers, schema_name=TRACKS,
         )  # fmt: skip
 
     def current_header(self, sections: Mapping[str, bytes], stream_id: int) -> tuple[Manifest, bytes]:
@@ -214,7 +214,7 @@ class TracksEncoder:
             packetization=self._packetization, num_elements=sum(tier.num_elements for tier in tiers),
             num_packets=len(self._packets), stream_id=stream_id, side_info_bytes=len(side_info),
             side_info_digest=hashlib.sha256(side_info).hexdigest(), symbols_digest=self._digest.hexdigest(),
-            writer=f"splatwire {__version__}", tiers=tiers, codec=TRACKS,
+            writer=f"splatwire {__version__}", tiers=tiers, schema_name=TRACKS,
         )  # fmt: skip
         return manifest, side_info
 

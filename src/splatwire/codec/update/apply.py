@@ -42,7 +42,7 @@ def apply_update(base: SceneStream, update: SceneStream, *, threads: int | None 
         BitstreamError: If either stream is damaged, or the second one is not an update.
         DesyncError: If the result differs from the stream that the encoder made.
     """
-    if update.manifest.codec != UPDATE:
+    if update.manifest.schema_name != UPDATE:
         raise BitstreamError(f"the second stream has {update.manifest.elements}, it is not an update")
     info = check_base(base)
     _check_complete(update, "the update", "the old stream remains valid")
@@ -94,8 +94,10 @@ def check_base(base: SceneStream) -> SideInfo:
         BitstreamError: If the stream is damaged.
     """
     manifest = base.manifest
-    if manifest.codec != GAUSSIANS:
-        raise InvalidValueError(f"updates are for streams of explicit Gaussians, not for codec '{manifest.codec}'")
+    if manifest.schema_name != GAUSSIANS:
+        raise InvalidValueError(
+            f"updates are for streams of explicit Gaussians, not for schema '{manifest.schema_name}'"
+        )
     if manifest.tiers:
         raise InvalidValueError("a stream with importance tiers cannot be updated: encode it without --tiers")
     _check_complete(base, "the stream to change", "only a complete stream can be changed")

@@ -206,7 +206,7 @@ def _without_gaussians(base: SceneStream, info: SideInfo) -> SceneStream:
     side_info = write_side_info(replace(info, boxes=boxes, block_means=none.reshape(0, 7)))
     return make_stream(
         packetization=base.manifest.packetization, num_elements=0, side_info=side_info, packets=(),
-        symbols_digest=hashlib.sha256().hexdigest(), writer=f"splatwire {__version__}", codec=UPDATE,
+        symbols_digest=hashlib.sha256().hexdigest(), writer=f"splatwire {__version__}", schema_name=UPDATE,
     )  # fmt: skip
 
 
@@ -216,5 +216,5 @@ def _decoded(new: SceneStream) -> SplatScene:
     Args:
         new: The update's packets as a stream.
     """
-    scene: SplatScene = decode_stream(replace(new, manifest=replace(new.manifest, codec=GAUSSIANS))).scene
+    scene: SplatScene = decode_stream(replace(new, manifest=replace(new.manifest, schema_name=GAUSSIANS))).scene
     return scene

@@ -11,7 +11,7 @@ from PIL import Image
 from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import decode_stream
-from splatwire.codec.viewpoint import read_extent, up_axis
+from splatwire.codec.initial_view import read_extent, up_axis
 from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import to_pixels

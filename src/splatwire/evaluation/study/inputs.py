@@ -67,7 +67,7 @@ class PreparedScene:
             (`Row.key`). The inner key is the name of the part, such as an attribute.
         masks: Loss masks, by name of the stream, loss and seed.
         sections: Names of the additional side information in the scene's streams.
-        codec: Name of the codec schema; empty if nothing is sent.
+        schema_name: Name of the schema; empty if nothing is sent.
     """
 
     entry: SceneEntry
@@ -76,7 +76,7 @@ class PreparedScene:
     parts: Mapping[str, Mapping[str, int]]
     masks: Mapping[tuple[str, Loss, int], PacketLossMask]
     sections: tuple[str, ...]
-    codec: str
+    schema_name: str
 
     def why_unsupported(self, row: Row) -> str:
         """Returns the reason why a method cannot be evaluated on this scene; an empty text if it can."""
@@ -103,7 +103,7 @@ class PreparedScene:
             return "" if is_registered else f"concealer '{row.conceal}' is for still scenes, and it is a sequence"
         if name not in concealer_names() and name in temporal_concealer_names():
             return f"concealer '{row.conceal}' is for sequences, and it is a still scene"
-        provides = schema_named(self.codec).provides
+        provides = schema_named(self.schema_name).provides
         if row.erode is not None and Anchors not in provides:
             return f"only anchors lose one attribute alone, and it has {self.streams[row.variant].elements}"
         sections = self.sections if row.packetization is None else row.sections
@@ -167,15 +167,15 @@ class Source:
         return {} if self.stream is None else sections_of(self.stream)
 
     @property
-    def codec(self) -> str:
-        """Name of the codec schema of the scene."""
+    def schema_name(self) -> str:
+        """Name of the schema of the scene."""
         if self.entry.kind == "model":
             return HACPP_ANCHORS
-        return schema_of(self.scene).name if self.stream is None else self.stream.manifest.codec
+        return schema_of(self.scene).name if self.stream is None else self.stream.manifest.schema_name
 
     def can_encode(self, packetization: Packetization) -> bool:
         """Returns True if the scene can be encoded with the packetization."""
-        return packetization.universal or SCHEMAS[self.codec].separable
+        return packetization.universal or SCHEMAS[self.schema_name].separable
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
@@ -226,7 +226,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
         parts={row.key: _parts(row, source, streams[row.variant]) for row in study.rows if row.variant in streams},
         masks=dict(_draw_masks(study, streams, store)),
         sections=tuple(source.sections),
-        codec=source.codec if any(stream.num_packets for stream in streams.values()) else "",
+        schema_name=source.schema_name if any(stream.num_packets for stream in streams.values()) else "",
     )
 
 

@@ -33,7 +33,7 @@ def stream_parts(stream: SceneStream) -> dict[str, int]:
     """Returns the bytes of each part of a stream (attributes, headers, sections); the sum is the file size."""
     parts = dict(stream.part_sizes())
     whole = parts.pop("side_info")
-    inner = side_info_parts(stream.side_info, stream.manifest.codec)
+    inner = side_info_parts(stream.side_info, stream.manifest.schema_name)
     side = {f"side_{name}": size for name, size in inner.items()}
     rest = whole - sum(side.values())
     return {**side, **({"side_other": rest} if rest else {}), **parts}

@@ -79,7 +79,7 @@ def plain_rows(
     if entry.kind == "stream":
         stream = files.stream(entry.source).require_static(entry.source)
         manifest, packed = stream.manifest, stream.manifest.packetization
-        sections, codec = sections_of(stream), manifest.codec
+        sections, schema_name = sections_of(stream), manifest.schema_name
         complete = len(stream.packets) == manifest.num_packets
     else:
         loaded_scene = files.loaded_scene(entry.source)
@@ -88,10 +88,10 @@ def plain_rows(
         if not lossy and scene is loaded:
             name = "no loss" if complete else "as it is"
             return (Row(name, name, None, lossless=complete),)
-        codec = schema_of(scene).name
-        packed = packetization_named(None, codec, int(scene.drawable.sum()))
+        schema_name = schema_of(scene).name
+        packed = packetization_named(None, schema_name, int(scene.drawable.sum()))
         sections = dict(loaded.sections) if isinstance(loaded, ReceivedScene) else {}
-    provides = schema_named(codec).provides
+    provides = schema_named(schema_name).provides
     for name in concealers if lossy or not complete else ():
         if reason := why_unfit(name, provides, sections):
             usable = ", ".join(concealer_names(sections, provides))

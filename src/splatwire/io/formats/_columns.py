@@ -32,21 +32,21 @@ _MIN_LENGTH = 1e-12
 """Length below which a quaternion has no direction, as in 3DGS."""
 
 
-def check_count(path: Path, count: int, file_bytes: int) -> int:
+def check_count(path: Path, count: int, num_bytes: int) -> int:
     """Checks the number of Gaussians in a header before memory is allocated.
 
     Args:
         path: The file, for messages.
         count: Number of Gaussians according to the header.
-        file_bytes: Size of the file in bytes, before decompression.
+        num_bytes: Number of bytes that hold the Gaussians: size of the file before decompression; for PLY, of its rows.
 
     Raises:
-        DatasetError: If the number is 0, above the limit, or too large for the file size.
+        DatasetError: If the number is 0, above the limit, or too large for the number of bytes.
     """
     if not 0 < count <= MAX_GAUSSIANS:
         raise DatasetError(f"{path}: a count of {count} Gaussians is not in 1 to {MAX_GAUSSIANS}")
-    if count > max(FREE_GAUSSIANS, file_bytes // BYTES_PER_GAUSSIAN):
-        raise DatasetError(f"{path}: a count of {count} Gaussians is more than {file_bytes} bytes of file can hold")
+    if count > max(FREE_GAUSSIANS, num_bytes // BYTES_PER_GAUSSIAN):
+        raise DatasetError(f"{path}: a count of {count} Gaussians is more than {num_bytes} bytes of file can hold")
     return count
 
 

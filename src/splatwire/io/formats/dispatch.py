@@ -209,7 +209,7 @@ def _read_ply(path: Path) -> FileContent:
     elements = read_ply_elements(path)
     warn_of_files_beside(path)
     vertices = elements.get("vertex")
-    # other elements of this name, beside Gaussians of single properties, are not bounds of positions
+    # If the vertices have plain x, y, z, an element `chunk` is not that of a compressed PLY.
     if "chunk" in elements and (vertices is None or "x" not in vertices.names):
         return content_of_chunks(elements)
     if vertices is None:

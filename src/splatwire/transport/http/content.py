@@ -462,6 +462,6 @@ def _manifest_and_side_info(stream: ServedStream) -> tuple[Manifest, bytes]:
 
 
 def _side_info_of(stream: ServedStream) -> tuple[bytes, str]:
-    """Returns the side information of a prepared stream and the name of the stream's codec schema."""
+    """Returns the side information of a prepared stream and the name of the stream's schema."""
     manifest, side_info = _manifest_and_side_info(stream)
-    return side_info, manifest.codec
+    return side_info, manifest.schema_name

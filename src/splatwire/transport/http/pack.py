@@ -89,7 +89,7 @@ def check_page_support(manifest: Manifest) -> None:
         manifest: Manifest of the stream.
 
     Raises:
-        InvalidValueError: If the stream has format version 1, or a codec schema that the page does not support.
+        InvalidValueError: If the stream has format version 1, or a schema that the page does not support.
     """
     if not manifest.schema.page:
         raise InvalidValueError(
@@ -100,9 +100,9 @@ def check_page_support(manifest: Manifest) -> None:
 
 
 def stream_attributes(stream: SceneStream) -> dict[str, str]:
-    """Returns the HTML attributes with a stream's preview, initial viewpoint and up axis; empty without a preview."""
-    codec = stream.manifest.codec
-    return preview_attributes(stream.side_info, codec, stream_preview(stream.side_info, codec))
+    """Returns the HTML attributes with a stream's preview, initial view and up axis; empty without a preview."""
+    schema_name = stream.manifest.schema_name
+    return preview_attributes(stream.side_info, schema_name, stream_preview(stream.side_info, schema_name))
 
 
 def _element(number: int, stream: SceneStream) -> str:

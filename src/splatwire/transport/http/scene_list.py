@@ -34,25 +34,25 @@ def scene_list(scenes: Mapping[str, Mapping[str, str]], current: str, address: C
     return f'<nav aria-label="scenes"><ul>{"".join(items)}</ul></nav>'
 
 
-def preview_attributes(side_info: bytes, codec: str, preview: bytes) -> dict[str, str]:
-    """Returns the HTML attributes with a stream's preview, initial viewpoint and up axis; empty without a preview.
+def preview_attributes(side_info: bytes, schema_name: str, preview: bytes) -> dict[str, str]:
+    """Returns the HTML attributes with a stream's preview, initial view and up axis; empty without a preview.
 
     Args:
         side_info: Side information of the stream (data that all packets need).
-        codec: Name of the stream's codec schema.
+        schema_name: Name of the stream's schema.
         preview: Encoded preview; may be empty.
     """
-    return {"data": base64.b64encode(preview).decode(), **start_attributes(side_info, codec)} if preview else {}
+    return {"data": base64.b64encode(preview).decode(), **start_attributes(side_info, schema_name)} if preview else {}
 
 
-def start_attributes(side_info: bytes, codec: str) -> dict[str, str]:
-    """Returns the HTML attributes of the viewer element with a stream's initial viewpoint and up axis.
+def start_attributes(side_info: bytes, schema_name: str) -> dict[str, str]:
+    """Returns the HTML attributes of the viewer element with a stream's initial view and up axis.
 
     Args:
         side_info: Side information of the stream (data that all packets need).
-        codec: Name of the stream's codec schema.
+        schema_name: Name of the stream's schema.
     """
-    sections = split_sections(side_info, codec)[1]
+    sections = split_sections(side_info, schema_name)[1]
     viewpoint, up = sections.get("viewpoint", b""), sections.get("up", b"")
     attributes = {"viewpoint": viewpoint_attribute(viewpoint)} if len(viewpoint) == 36 else {}
     return attributes | ({"up": up.decode()} if re.fullmatch(rb"-?[xyz]", up) else {})

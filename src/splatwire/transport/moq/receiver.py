@@ -207,7 +207,7 @@ class RelayReceiver:
         """
         if tiles is None or self.options.viewpoint is None:
             return list(range(len(packets_of_tracks(manifest, tiles))))
-        viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.codec))
+        viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.schema_name))
         return list(cut_of(tiles, np.zeros(tiles.num_tiles, dtype=bool), viewpoint).wanted)
 
     async def _receive_track(self, broadcast: Any, number: int, indices: range, priority: int) -> None:

@@ -573,7 +573,7 @@ class Receiver(ReceiveState):
         """Converts a viewpoint to coordinates relative to the stream's origin."""
         if self._manifest is None:
             return viewpoint.relative_to(AT_ZERO)
-        return viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, self._manifest.codec))
+        return viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, self._manifest.schema_name))
 
     def _end_reason(self, now: float) -> str | None:
         """Returns the reason for the end of the transfer if the transfer is over, else None."""

@@ -31,11 +31,13 @@ from splatwire.transport.protocol.wire import (
 )
 
 END_INTERVAL_S = 0.1
-"""Interval between `End` datagrams (everything was sent), seconds."""
+"""Interval between closing datagrams, seconds. A closing datagram is an `End` (everything was sent). In a live stream,
+every second one is the welcome: a client that lost the last welcome would not know the new sizes.
+"""
 NUM_FREQUENT_ENDS = 10
-"""Number of `End` datagrams at this interval, for clients that may still change their viewpoint."""
+"""Number of closing datagrams at this interval, for clients that may still change their viewpoint."""
 SLOW_END_INTERVAL_S = 1.0
-"""Interval between later `End` datagrams for these clients, seconds."""
+"""Interval between later closing datagrams for these clients, seconds."""
 WELCOME_INTERVAL_S = 0.15
 """Minimum interval between responses that accept a request (welcome), seconds. Clients repeat requests after 0.2 s."""
 MAX_WELCOMES = 50
@@ -114,7 +116,7 @@ class ServerTransfer:
         self._num_init_retransmissions = self._retransmitted_bytes = 0
         self._init_symbol_cursor = stream.num_proactive_symbols
         self._init_segment_sent_at: float | None = None
-        self._end_at, self._num_ends = 0.0, 0
+        self._end_at, self._num_closing_datagrams = 0.0, 0
         self._welcomed_at, self._num_welcomes = -WELCOME_INTERVAL_S, 0
         self._arrived_at, self._probed_at = now, -math.inf
         self._counts_before = ReportedCounts(0, 0, 0)
@@ -251,7 +253,7 @@ class ServerTransfer:
         """Returns the next datagram to send if it is due at time `now` (seconds), else None."""
         if self._view_update is not None and self._view_due_at is not None and self._view_due_at <= now:
             self._queue.set_viewpoint(viewpoint_of(self._view_update), self._view_update.budget, now)
-            self._view_due_at, self._num_ends = None, 0
+            self._view_due_at, self._num_closing_datagrams = None, 0
         due_at = self.next_at()
         if due_at is None or due_at > now:
             return None
@@ -270,11 +272,11 @@ class ServerTransfer:
         elif (next_item := self._take_next(now)) is not None:
             item = next_item
         else:
-            is_slow = self._queue.has_viewpoint and self._num_ends > NUM_FREQUENT_ENDS
+            is_slow = self._queue.has_viewpoint and self._num_closing_datagrams > NUM_FREQUENT_ENDS
             interval = SLOW_END_INTERVAL_S if is_slow else END_INTERVAL_S
-            self._end_at, self._num_ends = now + interval, self._num_ends + 1
+            self._end_at, self._num_closing_datagrams = now + interval, self._num_closing_datagrams + 1
             self._sent_log.record(self._feedback_tracker.sequence, -1)
-            if self._num_ends % 2 or not self.stream.is_live:
+            if self._num_closing_datagrams % 2 or not self.stream.is_live:
                 return self._record_sent(encode(End(self.session, self._feedback_tracker.sequence)), now)
             item = WELCOME_ITEM
         kind, group, index = item

@@ -1,1 +1,1 @@
-"""QUIC and WebTransport around the transport protocol: client, server, sessions, certificates."""
+"""QUIC and WebTransport around the transport protocol: client, server, certificates."""

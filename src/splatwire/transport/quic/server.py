@@ -1,4 +1,4 @@
-"""QUIC server: sessions of native clients, and WebTransport sessions of browsers."""
+"""QUIC server for native clients, and for browsers over WebTransport."""
 
 import asyncio
 import logging
@@ -42,8 +42,8 @@ from splatwire.transport.quic.common import (
     configuration,
     limit_backoff,
 )
+from splatwire.transport.quic.handlers import NativeHandler, QuicClient, WebTransportHandler
 from splatwire.transport.quic.input_budget import MAX_DATAGRAM_S, MAX_HANDSHAKE_S, InputBudget, NetworkBudgets
-from splatwire.transport.quic.sessions import NativeSession, Session, WebTransportSessions
 from splatwire.transport.socket_group import QUIC_CLASSES, TOKEN_PREFIX, SocketGroup
 from splatwire.transport.udp import EVENT_INTERVAL_S, MAX_DATAGRAM_READ, SocketServer
 
@@ -159,19 +159,19 @@ class QuicServer(SocketServer):
         """Counts the bytes of a UDP datagram that was sent."""
         self.bytes_sent += num_bytes
 
-    def on_message(self, session: Session, data: bytes) -> None:
+    def on_message(self, client: QuicClient, data: bytes) -> None:
         """Processes a message of a client, from the reliable stream or a DATAGRAM frame.
 
         Args:
-            session: Session that received the message.
+            client: The client.
             data: Bytes of the message.
         """
-        if session.connection not in self.connections:
+        if client.connection not in self.connections:
             return
-        network = session.connection.network
-        answer = self.core.receive(session, data, self._loop.time(), reliable=True, network=network)
+        network = client.connection.network
+        answer = self.core.receive(client, data, self._loop.time(), reliable=True, network=network)
         if answer is not None:
-            session.send(answer)
+            client.send(answer)
         if self._pump_soon is None:  # once for all messages that arrive together
             self._pump_soon = self._loop.call_soon(self.pump)
 
@@ -181,9 +181,9 @@ class QuicServer(SocketServer):
         if self._pump_soon is not None or (due_at is not None and due_at <= self._loop.time()):
             self.pump()
 
-    def on_closed(self, session: Hashable) -> None:
-        """Ends the transfers of a session after its connection was closed."""
-        self.core.forget(session)
+    def on_closed(self, client: Hashable) -> None:
+        """Ends the transfers of a client after its connection was closed."""
+        self.core.forget(client)
 
     def pump(self) -> None:
         """Sends all datagrams that are due, over QUIC, and sets a timer for later datagrams."""
@@ -192,22 +192,22 @@ class QuicServer(SocketServer):
         now = self._loop.time()
         due = self.core.poll(now, BATCH)
         touched: set[Any] = set()
-        for session, data in due:
-            assert isinstance(session, Session)
-            if session.connection not in self.connections:  # an earlier datagram of this batch closed it
+        for client, data in due:
+            assert isinstance(client, QuicClient)
+            if client.connection not in self.connections:  # an earlier datagram of this batch closed it
                 continue
             try:
-                session.send(data)
+                client.send(data)
             except Exception as error:  # a defect of the server must not end other clients' transfers
-                self.core.fail(session, error)
-            touched.add(session.connection)
+                self.core.fail(client, error)
+            touched.add(client.connection)
         for connection in touched:
             connection.guarded(connection.transmit)
         self._set_timer(now)
 
     def _end_failed(self, client: Hashable) -> None:
         """Closes the connection of a client after an internal error of the server."""
-        connection = client.connection if isinstance(client, Session) else client
+        connection = client.connection if isinstance(client, QuicClient) else client
         assert isinstance(connection, _Connection)
         with suppress(Exception):  # closing sends too and may fail; the connection is already forgotten
             connection.end(INTERNAL, "the server made an error and ended this transfer")
@@ -420,14 +420,14 @@ class _SocketTransport:
 
 
 class _Connection(QuicConnectionProtocol):
-    """QUIC connection of one client, with a native session or WebTransport sessions."""
+    """QUIC connection of one client, with splatwire's own application protocol or WebTransport."""
 
     def __init__(self, quic: QuicConnection, owner: QuicServer, network: Network) -> None:
         super().__init__(quic)
         self.network = network
         self.quic = quic
         self.owner = owner
-        self._sessions: NativeSession | WebTransportSessions | None = None
+        self._handler: NativeHandler | WebTransportHandler | None = None
         self._has_ended = False
         self._num_bytes_read = 0
         self._budget: InputBudget | None = None
@@ -471,7 +471,7 @@ class _Connection(QuicConnectionProtocol):
             self._num_bytes_read += len(event.data)
         match event:
             case events.ProtocolNegotiated():
-                self._sessions = WebTransportSessions(self) if event.alpn_protocol == ALPN_HTTP else NativeSession(self)
+                self._handler = WebTransportHandler(self) if event.alpn_protocol == ALPN_HTTP else NativeHandler(self)
             case events.HandshakeCompleted():
                 self.owner.handshaking.discard(self)
                 self._budget = self.owner.budgets.open(self.network, self._loop.time())
@@ -482,8 +482,8 @@ class _Connection(QuicConnectionProtocol):
             case events.ConnectionTerminated():
                 self._ended()
                 self._loop.call_soon(self._release)  # aioquic still uses its objects in this turn
-            case _ if self._sessions is not None and not self._has_ended:
-                self._sessions.event(event)
+            case _ if self._handler is not None and not self._has_ended:
+                self._handler.event(event)
 
     def transmit(self) -> None:
         """Sends the datagrams that are due, and sets the timer of QUIC."""
@@ -555,8 +555,8 @@ class _Connection(QuicConnectionProtocol):
         self.owner.leave(self)
         if self._budget is not None:
             self.owner.budgets.close(self.network, self._budget, self._loop.time())
-        if self._sessions is not None:
-            self._sessions.end()
+        if self._handler is not None:
+            self._handler.end()
 
     def _release(self) -> None:
         """Frees the memory of a connection that is over.
@@ -567,11 +567,11 @@ class _Connection(QuicConnectionProtocol):
         if self._timer is not None:
             self._timer.cancel()
         vars(self.quic).clear()
-        self._sessions = None
+        self._handler = None
         # Handlers of aioquic's server, bound to this object.
         self._connection_id_issued_handler = self._connection_id_retired_handler = lambda _: None
         self._connection_terminated_handler = lambda: None
 
     def _on_request_timeout(self) -> None:
-        if self._sessions is None or not self._sessions.has_request:
+        if self._handler is None or not self._handler.has_request:
             self.end(FULL, "no request was received")

@@ -122,8 +122,8 @@ export class FastPacketDecoder implements GaussianPacketDecoder {
 
   constructor(public info: SideInfo) {}
 
-  /** Replaces the side information by that of more blocks. The instance stays if its tables are the same. */
-  grow(info: SideInfo): void {
+  /** Replaces the side information. The instance stays if its tables are the same. */
+  setInfo(info: SideInfo): void {
     if (this.#decoder instanceof NativePacketDecoder && hasSameTables(this.info, info)) this.#decoder.info = info;
     else this.#decoder = null;
     this.info = info;

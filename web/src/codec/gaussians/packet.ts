@@ -20,9 +20,9 @@ import {
   MAX_COLOUR,
   MAX_COMPANDED,
   MAX_LOG,
-  MAX_OPACITY,
+  MAX_LOG_OPACITY,
   MAX_RESIDUAL,
-  MIN_OPACITY,
+  MIN_LOG_OPACITY,
   NARROW_WEIGHT,
   NUM_DEVIATION_CONTEXTS,
   NUM_MAGNITUDE_CONTEXTS,
@@ -150,8 +150,8 @@ export class PacketDecoder implements GaussianPacketDecoder {
       precisionClass = (rows[row + CLASS] = this.#decodeClass(classContext));
     const opacity = clip(
       this.#decodePredicted(0, STEP_OPACITY, precisionClass, 0, 0, 0, BITS),
-      MIN_OPACITY,
-      MAX_OPACITY,
+      MIN_LOG_OPACITY,
+      MAX_LOG_OPACITY,
     );
     rows[row + OPACITY] = opacity;
     const expected = this.#absolute ? 0 : 2 * this.#neighbours.means[1] - (2 << BITS);

@@ -16,11 +16,11 @@ const MIN_CAPACITY = 1024;
 export const TRACK_BYTES = 4 + 24 + 4 * NUM_CHANNELS;
 
 export class KeyframeGaussians {
-  /** Keyframe index of each track, the index of its keyframe Gaussian among the received ones; -1 if not received. */
-  keyframeIndices: Int32Array;
-  /** Track of each keyframe Gaussian. */
+  /** Arrival index of each track: index of its keyframe Gaussian in order of arrival; -1 if not received. */
+  arrivalIndices: Int32Array;
+  /** Track of each keyframe Gaussian, by arrival index. */
   tracks = new Int32Array(MIN_CAPACITY);
-  /** Birth group of each track, by keyframe index. */
+  /** Birth group of each track, by arrival index. */
   birthGroups = new Int32Array(MIN_CAPACITY);
   /** Positions in the units of motion of the birth groups, shape (keyframes, 3). */
   positions = new Float64Array(3 * MIN_CAPACITY);
@@ -31,16 +31,16 @@ export class KeyframeGaussians {
   #steps: MotionSteps;
 
   constructor(public info: SequenceInfo) {
-    this.keyframeIndices = noIndices(info);
+    this.arrivalIndices = noIndices(info);
     this.splats = emptySplats(MIN_CAPACITY, info.keyframeInfo.degree);
     this.#steps = stepsOf(info, info.shots[0]);
   }
 
   /** Continues with a longer clip, which has more tracks. */
   grow(info: SequenceInfo): void {
-    const keyframeIndices = noIndices(info);
-    keyframeIndices.set(this.keyframeIndices);
-    this.keyframeIndices = keyframeIndices;
+    const arrivalIndices = noIndices(info);
+    arrivalIndices.set(this.arrivalIndices);
+    this.arrivalIndices = arrivalIndices;
     this.info = info;
   }
 
@@ -58,15 +58,15 @@ export class KeyframeGaussians {
     this.#reserve(this.count + count);
     if (this.#steps.info !== shot.keyframeInfo) this.#steps = stepsOf(this.info, shot);
     for (let i = 0; i < count; i++) {
-      const keyframeIndex = this.count++,
+      const arrivalIndex = this.count++,
         row = i * COLUMNS;
-      this.keyframeIndices[first + i] = keyframeIndex;
-      this.tracks[keyframeIndex] = first + i;
-      this.birthGroups[keyframeIndex] = group;
+      this.arrivalIndices[first + i] = arrivalIndex;
+      this.tracks[arrivalIndex] = first + i;
+      this.birthGroups[arrivalIndex] = group;
       for (let a = 0; a < 3; a++) {
-        this.positions[3 * keyframeIndex + a] = scaledCoord(rows[row + POSITION + a] + 2 * corners[corner + a], scale);
+        this.positions[3 * arrivalIndex + a] = scaledCoord(rows[row + POSITION + a] + 2 * corners[corner + a], scale);
       }
-      this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * keyframeIndex);
+      this.#steps.of(rows, row, this.shifts, NUM_CHANNELS * arrivalIndex);
     }
     const from = this.count - count;
     for (const name of ["means", "quats", "scales", "opacities", "colours", "harmonics"] as const) {
@@ -85,13 +85,13 @@ export class KeyframeGaussians {
       positions = new Float64Array(3 * count),
       shifts = new Int32Array(NUM_CHANNELS * count);
     for (let i = 0; i < count; i++) {
-      const keyframeIndex = this.keyframeIndices[headers[HEADER_FIELDS * i + TRACK]] ?? -1;
-      if (keyframeIndex < 0) return null;
+      const arrivalIndex = this.arrivalIndices[headers[HEADER_FIELDS * i + TRACK]] ?? -1;
+      if (arrivalIndex < 0) return null;
       for (let c = 0; c < NUM_CHANNELS; c++)
-        shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * keyframeIndex + c];
-      const octaves = this.info.log2MotionUnits[this.birthGroups[keyframeIndex]] - unit;
+        shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * arrivalIndex + c];
+      const octaves = this.info.log2MotionUnits[this.birthGroups[arrivalIndex]] - unit;
       for (let a = 0; a < 3; a++) {
-        positions[3 * i + a] = scaledCoord(this.positions[3 * keyframeIndex + a], 2 ** octaves);
+        positions[3 * i + a] = scaledCoord(this.positions[3 * arrivalIndex + a], 2 ** octaves);
         shifts[NUM_CHANNELS * i + a] = limitShift(shifts[NUM_CHANNELS * i + a] + octaves);
       }
     }

@@ -23,7 +23,7 @@ export class MotionField {
   readonly #changedKinds: Uint8Array;
   readonly #previousKinds: Uint8Array;
   /**
-   * Neighbours of the last query by row, the same by keyframe index for the state before the group, and their positions
+   * Neighbours of the last query by row, the same by arrival index for the state before the group, and their positions
    * relative to the query.
    */
   readonly #neighbours: NeighbourSet;
@@ -51,7 +51,7 @@ export class MotionField {
     for (let n = 0; n < observedRows.length; n++)
       for (let a = 0; a < 3; a++)
         points[3 * n + a] =
-          means[3 * arrived.keyframeIndices[observedRows[n]] + a] +
+          means[3 * arrived.arrivalIndices[observedRows[n]] + a] +
           (referenceOffsets ? referenceOffsets[n * NUM_CHANNELS + a] : 0);
     this.#tree = new KdTree(points, count);
     this.#fit = new Quadratic(count);
@@ -76,7 +76,7 @@ export class MotionField {
     const { arrived, referenceOffsets, trackProperties, frames } = this,
       row = this.observedRows[n],
       size = frames * NUM_CHANNELS,
-      last = arrived.keyframeIndices[row] * NUM_CHANNELS,
+      last = arrived.arrivalIndices[row] * NUM_CHANNELS,
       kindsOfReference = referenceOffsets
         ? changedKinds(referenceOffsets, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS)
         : 0;
@@ -88,29 +88,29 @@ export class MotionField {
    * Predicts a track's offsets: the neighbours' motion plus the track's earlier deviation from it. The deviation counts
    * less if it is small compared with its quantisation step.
    */
-  predict(keyframeIndex: number, out: Float32Array): void {
+  predict(arrivalIndex: number, out: Float32Array): void {
     const { lastOffsets, wasConcealed, positionStep } = this.trackProperties,
       deviation = this.#deviation,
-      changed = this.#queryNeighbours(keyframeIndex, 0),
+      changed = this.#queryNeighbours(arrivalIndex, 0),
       previous = unionOf(this.#previousNeighbours.kinds) & POSE;
-    this.#computeWeights(keyframeIndex, changed | previous);
+    this.#computeWeights(arrivalIndex, changed | previous);
     this.#currentSums.of(this.#neighbours, changed, this.#contrast, out);
-    if (wasConcealed?.[keyframeIndex]) return;
+    if (wasConcealed?.[arrivalIndex]) return;
     this.#previousSums.of(this.#previousNeighbours, previous, this.#contrast, deviation);
     let square = 0;
-    for (let c = 0; c < FIRST_SHAPE; c++) deviation[c] = lastOffsets[keyframeIndex * NUM_CHANNELS + c] - deviation[c];
+    for (let c = 0; c < FIRST_SHAPE; c++) deviation[c] = lastOffsets[arrivalIndex * NUM_CHANNELS + c] - deviation[c];
     for (let a = 0; a < 3; a++) square += deviation[a] * deviation[a];
     if (!square) return;
-    const trust = square / (square + positionStep(keyframeIndex) ** 2 + 1e-30);
+    const trust = square / (square + positionStep(arrivalIndex) ** 2 + 1e-30);
     for (let frame = 0; frame < this.frames; frame++)
       for (let c = 0; c < FIRST_SHAPE; c++) out[frame * NUM_CHANNELS + c] += trust * deviation[c];
   }
 
   /** Adds the neighbours' changes to a track's offsets. */
-  addChanges(keyframeIndex: number, out: Float32Array): void {
+  addChanges(arrivalIndex: number, out: Float32Array): void {
     const found = this.#found,
-      changed = this.#queryNeighbours(keyframeIndex, 1);
-    this.#computeWeights(keyframeIndex, changed);
+      changed = this.#queryNeighbours(arrivalIndex, 1);
+    this.#computeWeights(arrivalIndex, changed);
     this.#currentSums.of(this.#neighbours, changed, this.#contrast, found);
     for (let k = 0; k < out.length; k++) out[k] += found[k];
   }
@@ -119,7 +119,7 @@ export class MotionField {
    * Finds the neighbours of a track. `moved` is 1 if its last offset applies, otherwise 0. Returns the kinds of
    * channels that change.
    */
-  #queryNeighbours(keyframeIndex: number, moved: number): number {
+  #queryNeighbours(arrivalIndex: number, moved: number): number {
     const { observedRows, arrived } = this,
       { points } = this.#tree,
       { splats, lastOffsets } = this.trackProperties,
@@ -129,7 +129,7 @@ export class MotionField {
       { rows, referenceRows, kinds } = this.#neighbours,
       previous = this.#previousNeighbours;
     for (let a = 0; a < 3; a++)
-      position[a] = means[3 * keyframeIndex + a] + moved * lastOffsets[keyframeIndex * NUM_CHANNELS + a];
+      position[a] = means[3 * arrivalIndex + a] + moved * lastOffsets[arrivalIndex * NUM_CHANNELS + a];
     const near = this.#tree.nearest(position[0], position[1], position[2]);
     for (let i = 0; i < near.length; i++) {
       const n = near[i],
@@ -139,39 +139,39 @@ export class MotionField {
       rows[i] = row;
       referenceRows[i] = n;
       kinds[i] = this.#changedKinds[n];
-      previous.rows[i] = arrived.keyframeIndices[row];
+      previous.rows[i] = arrived.arrivalIndices[row];
       previous.kinds[i] = this.#previousKinds[n];
     }
     return unionOf(kinds);
   }
 
   /** Computes the neighbours' weights for the kinds of channels that change. */
-  #computeWeights(keyframeIndex: number, changed: number): void {
+  #computeWeights(arrivalIndex: number, changed: number): void {
     const { closeness, weights } = this.#neighbours;
     if (!changed) return;
     const unit = proximityWeights(this.#relativePositions, closeness);
     if (changed & (POSE | SHAPE)) this.#fit.weights(this.#relativePositions, closeness, unit, weights);
-    if (changed & COLOUR) this.#computeContrasts(keyframeIndex);
+    if (changed & COLOUR) this.#computeContrasts(arrivalIndex);
   }
 
   /** Computes the colour contrasts of the neighbours and of the track to the neighbours' mean. */
-  #computeContrasts(keyframeIndex: number): void {
+  #computeContrasts(arrivalIndex: number): void {
     const { colours } = this.trackProperties.splats,
       { closeness, contrasts } = this.#neighbours,
-      keyframeIndices = this.#previousNeighbours.rows,
+      arrivalIndices = this.#previousNeighbours.rows,
       mean = this.#contrast.fill(0);
-    for (let i = 0; i < keyframeIndices.length; i++)
-      for (let a = 0; a < 3; a++) mean[a] += closeness[i] * colours[3 * keyframeIndices[i] + a];
+    for (let i = 0; i < arrivalIndices.length; i++)
+      for (let a = 0; a < 3; a++) mean[a] += closeness[i] * colours[3 * arrivalIndices[i] + a];
     let square = COLOUR_RIDGE;
-    for (let i = 0; i < keyframeIndices.length; i++) {
+    for (let i = 0; i < arrivalIndices.length; i++) {
       for (let a = 0; a < 3; a++) {
-        const contrast = colours[3 * keyframeIndices[i] + a] - mean[a];
+        const contrast = colours[3 * arrivalIndices[i] + a] - mean[a];
         square += closeness[i] * contrast * contrast;
         contrasts[3 * i + a] = closeness[i] * contrast;
       }
     }
     for (let k = 0; k < contrasts.length; k++) contrasts[k] /= square;
-    for (let a = 0; a < 3; a++) this.#contrast[a] = colours[3 * keyframeIndex + a] - mean[a];
+    for (let a = 0; a < 3; a++) this.#contrast[a] = colours[3 * arrivalIndex + a] - mean[a];
   }
 }
 

@@ -16,7 +16,7 @@ export class LostMotionPredictor {
 
   /**
    * `completeRows` are the rows with received motion for the whole group. `birthGroups` are the groups that tracks are
-   * born in, by keyframe index.
+   * born in, by arrival index.
    */
   constructor(
     readonly arrived: TrackOffsets,
@@ -27,23 +27,23 @@ export class LostMotionPredictor {
   ) {}
 
   /**
-   * Returns the offsets of tracks by keyframe index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
+   * Returns the offsets of tracks by arrival index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
    * used. Tracks that are born in the same group as most of the received ones are predicted from these, because
    * offsets of others refer to another time.
    */
   predict(leftOut: Uint8Array, queryKeyframes: Int32Array): Float32Array {
     const { arrived, trackProperties, frames, birthGroups } = this,
-      { keyframeIndices } = arrived,
+      { arrivalIndices } = arrived,
       out = new Float32Array(frames * NUM_CHANNELS * queryKeyframes.length),
       observedRows = this.completeRows.filter((row) => !leftOut[row]),
-      birth = mostFrequent(observedRows.map((row) => birthGroups[keyframeIndices[row]])),
-      peers = observedRows.filter((row) => birthGroups[keyframeIndices[row]] === birth),
+      birth = mostFrequent(observedRows.map((row) => birthGroups[arrivalIndices[row]])),
+      peers = observedRows.filter((row) => birthGroups[arrivalIndices[row]] === birth),
       enough = peers.length >= NEIGHBOURS,
-      caseOf = (keyframeIndex: number) =>
-        enough && birthGroups[keyframeIndex] === birth ? "peers" : trackProperties.isNew(keyframeIndex) ? "new" : "old";
-    queryKeyframes.forEach((keyframeIndex, n) => {
-      if (!observedRows.length || caseOf(keyframeIndex) !== "peers")
-        repeatLastOffset(trackProperties.lastOffsets, keyframeIndex, out, n * frames, frames);
+      caseOf = (arrivalIndex: number) =>
+        enough && birthGroups[arrivalIndex] === birth ? "peers" : trackProperties.isNew(arrivalIndex) ? "new" : "old";
+    queryKeyframes.forEach((arrivalIndex, n) => {
+      if (!observedRows.length || caseOf(arrivalIndex) !== "peers")
+        repeatLastOffset(trackProperties.lastOffsets, arrivalIndex, out, n * frames, frames);
     });
     for (const kind of ["peers", "new", "old"]) {
       const sources = kind === "peers" ? peers : observedRows,
@@ -73,7 +73,7 @@ export class LostMotionPredictor {
     if (sources.length < NEIGHBOURS) return make(sources);
     const name = `${kind} ${birth}`,
       all = this.completeRows.filter(
-        (row) => kind !== "peers" || this.birthGroups[arrived.keyframeIndices[row]] === birth,
+        (row) => kind !== "peers" || this.birthGroups[arrived.arrivalIndices[row]] === birth,
       ),
       field = this.#fields.get(name) ?? make(all);
     this.#fields.set(name, field);
@@ -92,13 +92,13 @@ function mostFrequent(values: Int32Array): number {
 /** Repeats a track's last offset in all frames, written from row `toRow` of `out`, shape (rows, channels). */
 export function repeatLastOffset(
   lastOffsets: Float32Array,
-  keyframeIndex: number,
+  arrivalIndex: number,
   out: Float32Array,
   toRow: number,
   frames: number,
 ): void {
   for (let k = toRow * NUM_CHANNELS; k < (toRow + frames) * NUM_CHANNELS; k++)
-    out[k] = lastOffsets[keyframeIndex * NUM_CHANNELS + (k % NUM_CHANNELS)];
+    out[k] = lastOffsets[arrivalIndex * NUM_CHANNELS + (k % NUM_CHANNELS)];
 }
 
 /**
@@ -116,7 +116,7 @@ function referenceOffsetsOf(
   const found = new Float32Array(observedRows.length * NUM_CHANNELS);
   observedRows.forEach((row, n) => {
     const [values, at] =
-      kind === "new" ? [arrived.offsets, row * frames] : [trackProperties.lastOffsets, arrived.keyframeIndices[row]];
+      kind === "new" ? [arrived.offsets, row * frames] : [trackProperties.lastOffsets, arrived.arrivalIndices[row]];
     found.set(values.subarray(at * NUM_CHANNELS, (at + 1) * NUM_CHANNELS), n * NUM_CHANNELS);
   });
   return found;
@@ -133,7 +133,7 @@ function fadeIn(
   frames: number,
   out: Float32Array,
 ): void {
-  const begins = arrived.begins.filter((_, n) => hasUnknownBirth(arrived.keyframeIndices[n]));
+  const begins = arrived.begins.filter((_, n) => hasUnknownBirth(arrived.arrivalIndices[n]));
   if (!begins.length) return;
   const some = Int32Array.from(queryKeyframes.keys()).filter((n) => hasUnknownBirth(queryKeyframes[n]));
   for (let frame = 0; frame < frames; frame++) {

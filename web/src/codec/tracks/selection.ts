@@ -28,12 +28,12 @@ const NUM_METHODS = 3,
   CHANNEL_WEIGHTS = [1, 1, 1, 0.5];
 
 /**
- * Estimates the motion of tracks by keyframe index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
+ * Estimates the motion of tracks by arrival index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
  * used.
  */
 type Interpolate = (leftOut: Uint8Array, queryKeyframes: Int32Array) => Float32Array;
 /** Returns the first frame and the end frame of a track, as expected without its motion. */
-type Lifetime = (keyframeIndex: number) => readonly [number, number];
+type Lifetime = (arrivalIndex: number) => readonly [number, number];
 
 /**
  * Chooses for each track the method with the lowest error on the nearby received tracks. `queryKeyframes` are the
@@ -54,20 +54,20 @@ export function select(
   const folds = Math.ceil(MAX_SHARE / stride),
     errors = testErrors(arrived, order, tested, folds, frames, trackProperties, interpolate, lifetime),
     { isNew, lastOffsets, splats } = trackProperties,
-    lastPlace = (keyframeIndex: number) => moved(splats, keyframeIndex, lastOffsets, keyframeIndex);
+    lastPlace = (arrivalIndex: number) => moved(splats, arrivalIndex, lastOffsets, arrivalIndex);
   // the first frame of a new track is known, so that its motion is estimated better
   for (const isNewTrack of [true, false]) {
-    const peers = [...tested.keys()].filter((n) => isNew(arrived.keyframeIndices[tested[n]]) === isNewTrack);
+    const peers = [...tested.keys()].filter((n) => isNew(arrived.arrivalIndices[tested[n]]) === isNewTrack);
     if (peers.length < MIN_TESTS) continue;
-    const keyframeIndices = Int32Array.from(peers, (n) => arrived.keyframeIndices[tested[n]]),
+    const arrivalIndices = Int32Array.from(peers, (n) => arrived.arrivalIndices[tested[n]]),
       tree = new KdTree(
-        positionsOf(splats, keyframeIndices, lastOffsets, (n) => keyframeIndices[n]),
+        positionsOf(splats, arrivalIndices, lastOffsets, (n) => arrivalIndices[n]),
         MIN_TESTS,
       );
-    queryKeyframes.forEach((keyframeIndex, n) => {
-      if (isNew(keyframeIndex) !== isNewTrack) return;
+    queryKeyframes.forEach((arrivalIndex, n) => {
+      if (isNew(arrivalIndex) !== isNewTrack) return;
       const sums = [0, 0, 0];
-      for (const near of nearest(tree, lastPlace(keyframeIndex)))
+      for (const near of nearest(tree, lastPlace(arrivalIndex)))
         for (let method = 0; method < NUM_METHODS; method++) sums[method] += errors[NUM_METHODS * peers[near] + method];
       found[n] = sums.indexOf(Math.min(...sums));
     });
@@ -89,27 +89,27 @@ function testErrors(
   interpolate: Interpolate,
   lifetime: Lifetime,
 ): Float64Array {
-  const { keyframeIndices, begins, ends, offsets } = arrived,
+  const { arrivalIndices, begins, ends, offsets } = arrived,
     { splats, lastOffsets } = trackProperties,
     errors = new Float64Array(NUM_METHODS * tested.length),
-    foldOf = new Int8Array(keyframeIndices.length).fill(-1);
+    foldOf = new Int8Array(arrivalIndices.length).fill(-1);
   tested.forEach((row, n) => (foldOf[row] = n % folds));
   const estimates = Array.from({ length: folds }, (_, fold) =>
     interpolate(
       Uint8Array.from(foldOf, (other) => Number(other === fold)),
-      tested.filter((row) => foldOf[row] === fold).map((row) => keyframeIndices[row]),
+      tested.filter((row) => foldOf[row] === fold).map((row) => arrivalIndices[row]),
     ),
   );
   let tree: KdTree | null = null;
   for (const frame of new Set([1, 3, 5].map((part) => Math.floor((part * frames) / 6)))) {
     const exists = (row: number) => begins[row] <= frame && frame < ends[row],
-      place = (row: number) => moved(splats, keyframeIndices[row], offsets, row * frames + frame),
+      place = (row: number) => moved(splats, arrivalIndices[row], offsets, row * frames + frame),
       absent = Uint8Array.from(order, (row) => Number(!exists(row))),
       count = absent.length - absent.reduce((sum, gone) => sum + gone, 0);
     if (!count) continue;
     const positions = positionsOf(
       splats,
-      order.map((row) => keyframeIndices[row]),
+      order.map((row) => arrivalIndices[row]),
       offsets,
       (n) => order[n] * frames + frame,
     );
@@ -120,26 +120,26 @@ function testErrors(
         near = nearest(tree!, point);
       for (let i = 0; i < near.length; i++) {
         const other = order[near[i]];
-        if (foldOf[other] !== fold) addDensity(splats, keyframeIndices[other], tree!.distances[i], sums);
+        if (foldOf[other] !== fold) addDensity(splats, arrivalIndices[other], tree!.distances[i], sums);
       }
       return sums;
     };
     tested.forEach((row, n) => {
-      const keyframeIndex = keyframeIndices[row],
+      const arrivalIndex = arrivalIndices[row],
         fold = n % folds,
         truth = exists(row) ? place(row) : null,
-        [begin, end] = lifetime(keyframeIndex),
+        [begin, end] = lifetime(arrivalIndex),
         motion = Math.floor(n / folds) * frames + frame,
         methods = [
-          moved(splats, keyframeIndex, estimates[fold], motion),
-          moved(splats, keyframeIndex, lastOffsets, keyframeIndex),
+          moved(splats, arrivalIndex, estimates[fold], motion),
+          moved(splats, arrivalIndex, lastOffsets, arrivalIndex),
         ],
         aroundTruth = truth && around(truth, fold);
       for (let method = 0; method < NUM_METHODS; method++) {
         const estimate = begin <= frame && frame < end && method !== HIDDEN ? methods[method] : null;
         let error = 0;
-        if (truth) error += difference(splats, aroundTruth!, truth, keyframeIndex, truth, estimate);
-        if (estimate) error += difference(splats, around(estimate, fold), estimate, keyframeIndex, truth, estimate);
+        if (truth) error += difference(splats, aroundTruth!, truth, arrivalIndex, truth, estimate);
+        if (estimate) error += difference(splats, around(estimate, fold), estimate, arrivalIndex, truth, estimate);
         errors[NUM_METHODS * n + method] += error * FACTORS[method];
       }
     });
@@ -148,21 +148,21 @@ function testErrors(
 }
 
 /** Position of a keyframe Gaussian with the offset in a row of `offsets`. */
-function moved(splats: Splats, keyframeIndex: number, offsets: Float32Array, row: number): Point {
-  return positionsOf(splats, [keyframeIndex], offsets, () => row);
+function moved(splats: Splats, arrivalIndex: number, offsets: Float32Array, row: number): Point {
+  return positionsOf(splats, [arrivalIndex], offsets, () => row);
 }
 
 /** Positions of keyframe Gaussians, shape (keyframes, 3), each with the offset in a row of `offsets`. */
 export function positionsOf(
   { means }: Splats,
-  keyframeIndices: ArrayLike<number>,
+  arrivalIndices: ArrayLike<number>,
   offsets: Float32Array,
   rowOf: (n: number) => number,
 ): Float32Array {
-  const found = new Float32Array(3 * keyframeIndices.length);
-  for (let n = 0; n < keyframeIndices.length; n++) {
+  const found = new Float32Array(3 * arrivalIndices.length);
+  for (let n = 0; n < arrivalIndices.length; n++) {
     const at = rowOf(n) * NUM_CHANNELS;
-    for (let a = 0; a < 3; a++) found[3 * n + a] = means[3 * keyframeIndices[n] + a] + offsets[at + a];
+    for (let a = 0; a < 3; a++) found[3 * n + a] = means[3 * arrivalIndices[n] + a] + offsets[at + a];
   }
   return found;
 }
@@ -170,17 +170,16 @@ export function positionsOf(
 const nearest = (tree: KdTree, [x, y, z]: Point): Int32Array => tree.nearest(x, y, z);
 
 /** Mean squared axis length of a Gaussian. */
-function squareOf({ scales }: Splats, keyframeIndex: number): number {
+function squareOf({ scales }: Splats, arrivalIndex: number): number {
   return (
-    (scales[3 * keyframeIndex] ** 2 + scales[3 * keyframeIndex + 1] ** 2 + scales[3 * keyframeIndex + 2] ** 2) / 3 +
-    1e-30
+    (scales[3 * arrivalIndex] ** 2 + scales[3 * arrivalIndex + 1] ** 2 + scales[3 * arrivalIndex + 2] ** 2) / 3 + 1e-30
   );
 }
 
 /** Adds the colour and the number 1, weighted by the density of a Gaussian at a squared distance from its centre. */
-function addDensity(splats: Splats, keyframeIndex: number, squaredDistance: number, sums: Float64Array): void {
-  const density = splats.opacities[keyframeIndex] * Math.exp(-squaredDistance / (2 * squareOf(splats, keyframeIndex)));
-  for (let a = 0; a < 3; a++) sums[a] += density * splats.colours[3 * keyframeIndex + a];
+function addDensity(splats: Splats, arrivalIndex: number, squaredDistance: number, sums: Float64Array): void {
+  const density = splats.opacities[arrivalIndex] * Math.exp(-squaredDistance / (2 * squareOf(splats, arrivalIndex)));
+  for (let a = 0; a < 3; a++) sums[a] += density * splats.colours[3 * arrivalIndex + a];
   sums[3] += density;
 }
 
@@ -192,19 +191,19 @@ function difference(
   splats: Splats,
   around: Float64Array,
   point: Point,
-  keyframeIndex: number,
+  arrivalIndex: number,
   truth: Point | null,
   estimate: Point | null,
 ): number {
   const [first, second] = [truth, estimate].map((place) => {
     const sums = around.slice();
-    if (place) addDensity(splats, keyframeIndex, squaredDistance(place, point), sums);
+    if (place) addDensity(splats, arrivalIndex, squaredDistance(place, point), sums);
     const share = (1 - Math.exp(-sums[3])) / Math.max(sums[3], 1e-12);
     return sums.map((sum, a) => share * sum * CHANNEL_WEIGHTS[a]);
   });
   let apart = 0;
   for (let a = 0; a < 4; a++) apart += (first[a] - second[a]) ** 2;
-  return squareOf(splats, keyframeIndex) * splats.opacities[keyframeIndex] * apart;
+  return squareOf(splats, arrivalIndex) * splats.opacities[arrivalIndex] * apart;
 }
 
 function squaredDistance(first: Point, second: Point): number {

@@ -1,4 +1,7 @@
 // Received packets of a clip, and its decoded frames. Counterpart of `splatwire.sequence.decoding`.
+//
+// Arrays of tracks are not in the order of track numbers. An arrival index is the index of a track's keyframe Gaussian
+// in order of arrival (`KeyframeGaussians`); a row is an index in the arrays of one group (`DecodedGroup`).
 
 import { ByteReader } from "../../bytes.ts";
 import { Growth } from "../../conceal/grow.ts";
@@ -28,7 +31,7 @@ const CACHE_BYTES = 192 << 20;
 /** Concealers for tracks with lost motion. */
 const CONCEALERS = ["motion", "hold", "drop"];
 
-/** State of the tracks at the end of a group, by keyframe index. */
+/** State of the tracks at the end of a group, by arrival index. */
 interface ConcealmentState {
   readonly group: number;
   readonly alive: Uint8Array;
@@ -146,7 +149,7 @@ export class Sequence implements SequenceDecoder {
     return this.#receivedElements[group] >= numBirths + numMotionTracks;
   }
 
-  forget(number: number): number[] {
+  forgetMotion(number: number): number[] {
     const end = Math.floor(number / this.info.timeline.groupFrames),
       blocks = new Set<number>();
     for (; this.#firstGroup < end; this.#firstGroup++) {
@@ -172,14 +175,14 @@ export class Sequence implements SequenceDecoder {
    */
   frame(number: number, isReceived: (packet: Packet) => boolean, concealer = "motion", reuse = false): SequenceFrame {
     const group = Math.floor(number / this.info.timeline.groupFrames),
-      { keyframeIndices, begins, ends, batches, concealed, hidden, gains } = this.#decodeGroup(
+      { arrivalIndices, begins, ends, batches, concealed, hidden, gains } = this.#decodeGroup(
         group,
         isReceived,
         concealer,
       ),
       at = number - group * this.info.timeline.groupFrames,
       here = drawnRows(begins, ends, hidden, at),
-      tracks = here.map((n) => this.#keyframes.tracks[keyframeIndices[n]]);
+      tracks = here.map((n) => this.#keyframes.tracks[arrivalIndices[n]]);
     const { degree } = this.#keyframes.splats,
       target = reuse && this.#reusedSplats.count >= here.length ? this.#reusedSplats : emptySplats(here.length, degree),
       splats = subSplats(target, 0, here.length);
@@ -193,7 +196,7 @@ export class Sequence implements SequenceDecoder {
       while (here[to] < end) to++;
       moveRows(
         this.#keyframes.splats,
-        keyframeIndices,
+        arrivalIndices,
         here.subarray(begin, to),
         offsetsIn(batch, at),
         first,
@@ -229,14 +232,14 @@ export class Sequence implements SequenceDecoder {
     if (same && played.group === group) return played;
     if (played && played.group !== group) this.#previous = played.endState;
     const before = this.#previous?.group === group - 1 ? this.#previous : null,
-      found = this.#conceal(group, this.#receivedMotion(group, isReceived), before, isReceived, concealer);
+      found = this.#addUncovered(group, this.#receivedMotion(group, isReceived), before, isReceived, concealer);
     this.#current = found;
     return found;
   }
 
   /**
    * Returns the received motion of a group, and the tracks that its packets cover (1), including those that ended, by
-   * keyframe index.
+   * arrival index.
    */
   #receivedMotion(
     group: number,
@@ -259,9 +262,9 @@ export class Sequence implements SequenceDecoder {
         last = HEADER_FIELDS * (packet.count - 1),
         end = Math.min(headers[last + TRACK] + headers[last + GAP_AFTER] + 1, info.numTracks);
       for (let track = Math.max(headers[TRACK] - headers[GAP_BEFORE], 0); track < end; track++)
-        if (keyframes.keyframeIndices[track] >= 0) covered[keyframes.keyframeIndices[track]] = 1;
+        if (keyframes.arrivalIndices[track] >= 0) covered[keyframes.arrivalIndices[track]] = 1;
     }
-    return { received: joinPackets(found, keyframes.keyframeIndices, frames, keyframes.count), covered };
+    return { received: joinPackets(found, keyframes.arrivalIndices, frames, keyframes.count), covered };
   }
 
   /**
@@ -302,8 +305,8 @@ export class Sequence implements SequenceDecoder {
     }
   }
 
-  /** Adds the tracks with lost motion. */
-  #conceal(
+  /** Adds the tracks that no received packet covers. Their motion is estimated, or 0 if the group has none. */
+  #addUncovered(
     group: number,
     { received, covered }: { received: ReceivedTracks; covered: Uint8Array },
     before: ConcealmentState | null,
@@ -316,20 +319,20 @@ export class Sequence implements SequenceDecoder {
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
       uncoveredKeyframes: number[] = [];
-    for (let keyframeIndex = 0; keyframeIndex < keyframes.count; keyframeIndex++) {
-      if (covered[keyframeIndex]) continue;
-      const track = keyframes.tracks[keyframeIndex],
+    for (let arrivalIndex = 0; arrivalIndex < keyframes.count; arrivalIndex++) {
+      if (covered[arrivalIndex]) continue;
+      const track = keyframes.tracks[arrivalIndex],
         isNew = track >= firstNew && track < firstNew + numBirths;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
-      if (!ended && (isNew || (before ? before.alive[keyframeIndex] : track < firstNew)))
-        uncoveredKeyframes.push(keyframeIndex);
+      if (!ended && (isNew || (before ? before.alive[arrivalIndex] : track < firstNew)))
+        uncoveredKeyframes.push(arrivalIndex);
     }
-    const found = appendStatic(received, uncoveredKeyframes, frames, numMotionTracks > 0),
-      numReceived = received.keyframeIndices.length,
-      hidden = new Uint8Array(found.keyframeIndices.length),
+    const found = appendUncovered(received, uncoveredKeyframes, frames, numMotionTracks > 0),
+      numReceived = received.arrivalIndices.length,
+      hidden = new Uint8Array(found.arrivalIndices.length),
       batches = [...received.batches];
-    uncoveredKeyframes.forEach((keyframeIndex, n) => {
-      [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(keyframeIndex, group);
+    uncoveredKeyframes.forEach((arrivalIndex, n) => {
+      [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(arrivalIndex, group);
     });
     let gains: Float32Array | null = null;
     if (numMotionTracks && uncoveredKeyframes.length) {
@@ -367,12 +370,12 @@ export class Sequence implements SequenceDecoder {
   }
 
   /** Returns the first frame and the end frame of a track in a group, as known without its motion. */
-  #lifetime(keyframeIndex: number, group: number): [number, number] {
+  #lifetime(arrivalIndex: number, group: number): [number, number] {
     const { info } = this,
       keyframes = this.#keyframes,
       frames = this.framesOf(group),
-      track = keyframes.tracks[keyframeIndex],
-      begin = keyframes.birthGroups[keyframeIndex] === group ? (info.lifetimes.begins.get(track) ?? 0) : 0,
+      track = keyframes.tracks[arrivalIndex],
+      begin = keyframes.birthGroups[arrivalIndex] === group ? (info.lifetimes.begins.get(track) ?? 0) : 0,
       end = info.lifetimes.ends.get(track) ?? Infinity;
     return [Math.min(begin, frames - 1), Math.min(end - group * info.timeline.groupFrames, frames)];
   }
@@ -387,16 +390,16 @@ export class Sequence implements SequenceDecoder {
   ): Uint8Array {
     const frames = this.framesOf(group),
       size = frames * NUM_CHANNELS,
-      { begins, ends, keyframeIndices } = received,
-      order = this.#rowsByTrack(keyframeIndices),
+      { begins, ends, arrivalIndices } = received,
+      order = this.#rowsByTrack(arrivalIndices),
       complete = order.filter((n) => begins[n] === 0 && ends[n] === frames),
       predictor = new LostMotionPredictor(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
       interpolate = predictor.predict.bind(predictor),
-      lifetime = (keyframeIndex: number) => this.#lifetime(keyframeIndex, group),
+      lifetime = (arrivalIndex: number) => this.#lifetime(arrivalIndex, group),
       methods = select(received, order, uncoveredKeyframes, frames, trackProperties, interpolate, lifetime),
       moving = rowsWhere(uncoveredKeyframes.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
-        new Uint8Array(keyframeIndices.length),
+        new Uint8Array(arrivalIndices.length),
         moving.map((n) => uncoveredKeyframes[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
@@ -404,32 +407,32 @@ export class Sequence implements SequenceDecoder {
   }
 
   /** Returns the rows by ascending track. */
-  #rowsByTrack(keyframeIndices: Int32Array): Int32Array {
+  #rowsByTrack(arrivalIndices: Int32Array): Int32Array {
     const rowOf = new Int32Array(this.#keyframes.count).fill(-1);
-    for (let row = keyframeIndices.length; row--; ) rowOf[keyframeIndices[row]] = row; // the first one counts
-    return this.#keyframes.keyframeIndices
-      .filter((keyframeIndex) => keyframeIndex >= 0 && rowOf[keyframeIndex] >= 0)
-      .map((keyframeIndex) => rowOf[keyframeIndex]);
+    for (let row = arrivalIndices.length; row--; ) rowOf[arrivalIndices[row]] = row; // the first one counts
+    return this.#keyframes.arrivalIndices
+      .filter((arrivalIndex) => arrivalIndex >= 0 && rowOf[arrivalIndex] >= 0)
+      .map((arrivalIndex) => rowOf[arrivalIndex]);
   }
 
   /** Returns factors of size and opacity with which drawn tracks cover hidden ones, shape (rows, 2). */
-  #growth({ keyframeIndices: indicesOfRows, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
+  #growth({ arrivalIndices: indicesOfRows, offsets }: TrackOffsets, hidden: Uint8Array, frames: number): Float32Array {
     const keyframes = this.#keyframes,
       { scales, opacities } = keyframes.splats,
       gains = new Float32Array(2 * indicesOfRows.length),
       counted = new Uint8Array(keyframes.count),
       isFirst = (row: number): boolean => !counted[indicesOfRows[row]] && Boolean((counted[indicesOfRows[row]] = 1)),
       rows = rowsWhere(indicesOfRows.length, isFirst), // a track may occur twice
-      keyframeIndices = rows.map((row) => indicesOfRows[row]),
+      arrivalIndices = rows.map((row) => indicesOfRows[row]),
       growth = new Growth({
-        positions: positionsOf(keyframes.splats, keyframeIndices, offsets, (n) => rows[n] * frames),
-        sizes: Float32Array.from(keyframeIndices, (keyframeIndex) =>
-          Math.cbrt(scales[3 * keyframeIndex] * scales[3 * keyframeIndex + 1] * scales[3 * keyframeIndex + 2]),
+        positions: positionsOf(keyframes.splats, arrivalIndices, offsets, (n) => rows[n] * frames),
+        sizes: Float32Array.from(arrivalIndices, (arrivalIndex) =>
+          Math.cbrt(scales[3 * arrivalIndex] * scales[3 * arrivalIndex + 1] * scales[3 * arrivalIndex + 2]),
         ),
         tierSizes: null,
-        opacities: Float32Array.from(keyframeIndices, (keyframeIndex) => opacities[keyframeIndex]),
+        opacities: Float32Array.from(arrivalIndices, (arrivalIndex) => opacities[arrivalIndex]),
         isReceived: Uint8Array.from(rows, (row) => 1 - hidden[row]),
-        indices: keyframeIndices.map((keyframeIndex) => keyframes.tracks[keyframeIndex]),
+        indices: arrivalIndices.map((arrivalIndex) => keyframes.tracks[arrivalIndex]),
       });
     rows.forEach((row, n) => {
       if (!hidden[row]) gains.set(growth.of(n), 2 * row);
@@ -446,19 +449,19 @@ export class Sequence implements SequenceDecoder {
       splats: keyframes.splats,
       lastOffsets: before ? resized(before.offsets, size) : new Float32Array(size),
       wasConcealed: before?.wasConcealed ?? null,
-      isNew: (keyframeIndex) => keyframes.birthGroups[keyframeIndex] === group,
-      hasUnknownBirth: (keyframeIndex) =>
-        keyframes.birthGroups[keyframeIndex] === group && !info.lifetimes.begins.get(keyframes.tracks[keyframeIndex]),
-      positionStep: (keyframeIndex) =>
+      isNew: (arrivalIndex) => keyframes.birthGroups[arrivalIndex] === group,
+      hasUnknownBirth: (arrivalIndex) =>
+        keyframes.birthGroups[arrivalIndex] === group && !info.lifetimes.begins.get(keyframes.tracks[arrivalIndex]),
+      positionStep: (arrivalIndex) =>
         unit *
         2 **
-          (keyframes.shifts[NUM_CHANNELS * keyframeIndex] + info.log2MotionUnits[keyframes.birthGroups[keyframeIndex]]),
+          (keyframes.shifts[NUM_CHANNELS * arrivalIndex] + info.log2MotionUnits[keyframes.birthGroups[arrivalIndex]]),
     };
   }
 
   #concealmentState(
     group: number,
-    { keyframeIndices, ends, concealed }: ReceivedTracks & ConcealedTracks,
+    { arrivalIndices, ends, concealed }: ReceivedTracks & ConcealedTracks,
     batches: readonly TrackBatch[],
     before: ConcealmentState | null,
     frames: number,
@@ -471,11 +474,11 @@ export class Sequence implements SequenceDecoder {
     for (const batch of batches) {
       const offsets = offsetsIn(batch, frames - 1);
       for (let from = 0; from < offsets.length; n++, from += NUM_CHANNELS) {
-        const keyframeIndex = keyframeIndices[n],
-          to = keyframeIndex * NUM_CHANNELS;
+        const arrivalIndex = arrivalIndices[n],
+          to = arrivalIndex * NUM_CHANNELS;
         if (ends[n] !== frames) continue;
-        alive[keyframeIndex] = 1;
-        wasConcealed[keyframeIndex] = concealed[n];
+        alive[arrivalIndex] = 1;
+        wasConcealed[arrivalIndex] = concealed[n];
         for (let c = 0; c < NUM_CHANNELS; c++) last[to + c] = offsets[from + c];
       }
     }
@@ -508,18 +511,18 @@ function joinPackets(
   const seen = new Uint8Array(indexOfTrack.length),
     batches = found.map(({ headers, offsets }) => ({ count: headers.length / HEADER_FIELDS, offsets })),
     rows = batches.reduce((sum, { count }) => sum + count, 0),
-    [keyframeIndices, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + numSpare).subarray(0, rows));
+    [arrivalIndices, begins, ends] = [0, 1, 2].map(() => new Int32Array(rows + numSpare).subarray(0, rows));
   let n = 0;
   for (const { headers } of found) {
     for (let at = 0; at < headers.length; at += HEADER_FIELDS, n++) {
-      const keyframeIndex = (keyframeIndices[n] = indexOfTrack[headers[at + TRACK]]);
-      if (seen[keyframeIndex]) continue;
-      seen[keyframeIndex] = 1;
+      const arrivalIndex = (arrivalIndices[n] = indexOfTrack[headers[at + TRACK]]);
+      if (seen[arrivalIndex]) continue;
+      seen[arrivalIndex] = 1;
       begins[n] = Math.min(Math.max(headers[at + BEGINS], 0), frames - 1);
       ends[n] = Math.min(Math.max(headers[at + ENDS], begins[n]), frames);
     }
   }
-  return { keyframeIndices, begins, ends, batches };
+  return { arrivalIndices, begins, ends, batches };
 }
 
 /** Returns the offsets by track, shape (tracks, frames, channels): of `numReceived` tracks, and zeros for `others`. */
@@ -543,22 +546,25 @@ function transposed(offsets: Float32Array, rows: number, columns: number): Float
   return found;
 }
 
-/** Appends tracks that do not move, for all frames. `isLost`: their motion is lost; otherwise their group has none. */
-function appendStatic(
+/**
+ * Appends the tracks that no received packet of motion covers, for all frames. With `isLost` their motion is lost and
+ * is estimated later; otherwise the group has no motion, and they stand still.
+ */
+function appendUncovered(
   received: ReceivedTracks,
   others: readonly number[],
   frames: number,
   isLost: boolean,
 ): ReceivedTracks & ConcealedTracks {
-  const numReceived = received.keyframeIndices.length,
+  const numReceived = received.arrivalIndices.length,
     count = numReceived + others.length,
     wider = ({ buffer }: Int32Array): Int32Array => new Int32Array(buffer, 0, count),
     concealed = new Uint8Array(count).fill(Number(isLost), numReceived),
-    keyframeIndices = wider(received.keyframeIndices);
-  keyframeIndices.set(others, numReceived);
+    arrivalIndices = wider(received.arrivalIndices);
+  arrivalIndices.set(others, numReceived);
   return {
     ...received,
-    keyframeIndices,
+    arrivalIndices,
     begins: wider(received.begins),
     ends: wider(received.ends).fill(frames, numReceived),
     concealed,

@@ -114,7 +114,7 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
 
   #decode(payload: Uint8Array, keyframeBlock: number, count: number): Decoded {
     const { firstBlock, keyframeInfo } = shotOf(this.info, keyframeBlock);
-    if (this.#keyframeDecoder.info !== keyframeInfo) this.#keyframeDecoder.grow(keyframeInfo);
+    if (this.#keyframeDecoder.info !== keyframeInfo) this.#keyframeDecoder.setInfo(keyframeInfo);
     return this.#keyframeDecoder.decode(payload, keyframeBlock - firstBlock, count);
   }
 

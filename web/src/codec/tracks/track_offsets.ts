@@ -4,15 +4,15 @@ import type { Splats } from "../splats.ts";
 
 /** Offsets of a group's tracks from their keyframe Gaussians, shape (tracks, frames, channels). */
 export interface TrackOffsets {
-  /** Keyframe index of each track. */
-  readonly keyframeIndices: Int32Array;
+  /** Arrival index of each track (see `KeyframeGaussians`). */
+  readonly arrivalIndices: Int32Array;
   /** First frame and end frame of each track within the group. */
   readonly begins: Int32Array;
   readonly ends: Int32Array;
   readonly offsets: Float32Array;
 }
 
-/** Properties of the tracks that the concealment of a group needs, by keyframe index. */
+/** Properties of the tracks that the concealment of a group needs, by arrival index. */
 export interface TrackProperties {
   /** Keyframe Gaussians of all tracks, without offsets, with those born in this group. */
   readonly splats: Splats;
@@ -21,9 +21,9 @@ export interface TrackProperties {
   /** Tracks whose last offset was estimated, because their motion was lost (1); null if none. */
   readonly wasConcealed: Uint8Array | null;
   /** Returns true if the track is born in this group. */
-  readonly isNew: (keyframeIndex: number) => boolean;
+  readonly isNew: (arrivalIndex: number) => boolean;
   /** Returns true if the track is born in this group and its first frame is unknown. */
-  readonly hasUnknownBirth: (keyframeIndex: number) => boolean;
+  readonly hasUnknownBirth: (arrivalIndex: number) => boolean;
   /** Returns the quantisation step of a track's position, world units. */
-  readonly positionStep: (keyframeIndex: number) => number;
+  readonly positionStep: (arrivalIndex: number) => number;
 }

@@ -91,12 +91,12 @@ export function offsetsOf(
 }
 
 /**
- * Moves the Gaussians of some rows and writes them to `out` from index `to` on. `keyframeIndices` are the indices of
+ * Moves the Gaussians of some rows and writes them to `out` from index `to` on. `arrivalIndices` are the indices of
  * all rows in `splats`. `offsets` has shape (tracks, channels), and belongs to the rows from `first` on.
  */
 export function moveRows(
   splats: Splats,
-  keyframeIndices: Int32Array,
+  arrivalIndices: Int32Array,
   rows: Int32Array,
   offsets: Float32Array,
   first: number,
@@ -107,16 +107,16 @@ export function moveRows(
     { means: centers, scales: sizes, colours: shades, quats: turns } = splats,
     width = 3 * ((splats.degree + 1) ** 2 - 1);
   for (const row of rows) {
-    const keyframeIndex = keyframeIndices[row],
+    const arrivalIndex = arrivalIndices[row],
       at = NUM_CHANNELS * (row - first);
-    for (let a = 0, i = 3 * keyframeIndex, n = 3 * to; a < 3; a++, i++, n++) {
+    for (let a = 0, i = 3 * arrivalIndex, n = 3 * to; a < 3; a++, i++, n++) {
       means[n] = centers[i] + offsets[at + a];
       scales[n] = changed(sizes[i], offsets[at + 6 + a], MAX_FLOAT);
       colours[n] = shades[i] + offsets[at + 10 + a];
     }
-    opacities[to] = changed(splats.opacities[keyframeIndex], offsets[at + 9], MAX_OPACITY);
-    for (let k = 0; k < width; k++) harmonics[width * to + k] = splats.harmonics[width * keyframeIndex + k];
-    turn(turns, 4 * keyframeIndex, offsets, at + 3, quats, 4 * to++);
+    opacities[to] = changed(splats.opacities[arrivalIndex], offsets[at + 9], MAX_OPACITY);
+    for (let k = 0; k < width; k++) harmonics[width * to + k] = splats.harmonics[width * arrivalIndex + k];
+    turn(turns, 4 * arrivalIndex, offsets, at + 3, quats, 4 * to++);
   }
 }
 

@@ -60,7 +60,7 @@ def values_to_inputs(values, inputs):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def scale_indices(log_deviations, powers, indices):
+def deviation_indices(log_deviations, powers, indices):
     """Converts standard deviations to indices into the entropy coder's table of standard deviations.
 
     Args:
@@ -109,7 +109,7 @@ def offset_probability(logistic_table, logit):
 @njit(borrows=True, error_model="numpy")
 @no_type_check
 def _encode_packet(
-    begin, end, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, first_columns,
+    begin, end, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, deviation_indices, first_columns,
     mask_stage, logistic_table, inverse_scales, widths, normal_cdf, out, state,
 ):  # fmt: skip
     """Encodes consecutive anchors as one packet, and returns the size of the packet in bytes.
@@ -124,7 +124,7 @@ def _encode_packet(
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
-        scale_indices: Index of each symbol's standard deviation in the coder's table.
+        deviation_indices: Index of each symbol's standard deviation in the coder's table.
         first_columns: Index of the first column in `symbols` of each stage (group of attributes that are predicted
             together); the last item is the number of columns.
         mask_stage: Index of the stage of the offset scale. Its symbols are coded right after the masks, which the same
@@ -154,8 +154,8 @@ def _encode_packet(
             for c in range(first_columns[stage], first_columns[stage + 1]):
                 if stage < last_stage or masks[n, (c - first_columns[stage]) // 3]:
                     encode_symbol(
-                        out, state, np.int64(symbols[n, c]), ZERO, np.int64(scale_indices[n, c]), ZERO, ZERO, NORMAL,
-                        inverse_scales, widths, normal_cdf,
+                        out, state, np.int64(symbols[n, c]), ZERO, np.int64(deviation_indices[n, c]), ZERO, ZERO,
+                        NORMAL, inverse_scales, widths, normal_cdf,
                     )  # fmt: skip
     return encoder_finish(out, state)
 
@@ -163,7 +163,7 @@ def _encode_packet(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def encode_packets(
-    anchor_starts, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, scale_indices, first_columns,
+    anchor_starts, codes, num_low_bits, low_bit_probabilities, masks, logits, symbols, deviation_indices, first_columns,
     mask_stage, logistic_table, inverse_scales, widths, normal_cdf, buffer, lengths,
 ):  # fmt: skip
     """Encodes the anchors of all packets, each packet into its own part of `buffer`.
@@ -177,7 +177,7 @@ def encode_packets(
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means.
-        scale_indices: Index of each symbol's standard deviation in the coder's table.
+        deviation_indices: Index of each symbol's standard deviation in the coder's table.
         first_columns: Index of the first column in `symbols` of each stage (group of attributes that are predicted
             together); the last item is the number of columns.
         mask_stage: Index of the stage of the offset scale. Its symbols are coded right after the masks, which the same
@@ -197,7 +197,7 @@ def encode_packets(
     for p in range(len(anchor_starts) - 1):
         lengths[p] = _encode_packet(
             anchor_starts[p], anchor_starts[p + 1], codes, num_low_bits, low_bit_probabilities, masks, logits, symbols,
-            scale_indices, first_columns, mask_stage, logistic_table, inverse_scales, widths, normal_cdf,
+            deviation_indices, first_columns, mask_stage, logistic_table, inverse_scales, widths, normal_cdf,
             buffer[anchor_starts[p] * capacity + 64 * p :], state,
         )  # fmt: skip
 
@@ -211,7 +211,7 @@ def anchor_bits(
     masks,
     logits,
     symbols,
-    scale_indices,
+    deviation_indices,
     first_offset_column,
     logistic_table,
     inverse_scales,
@@ -228,7 +228,7 @@ def anchor_bits(
         masks: 1 for offsets that exist.
         logits: Predicted logits of the masks.
         symbols: Quantised attributes, relative to the predicted means; one row for each anchor.
-        scale_indices: Index of each symbol's standard deviation in the coder's table.
+        deviation_indices: Index of each symbol's standard deviation in the coder's table.
         first_offset_column: Index of the first column of `symbols` that belongs to offsets.
         logistic_table: Table of probabilities by logit, see `offset_probability`.
         inverse_scales: Reciprocal of each standard deviation in the coder's table.
@@ -245,7 +245,7 @@ def anchor_bits(
         for c in range(symbols.shape[1]):
             if c >= first_offset_column and not masks[n, (c - first_offset_column) // 3]:
                 continue
-            symbol, scale = np.int64(symbols[n, c]), np.int64(scale_indices[n, c])
+            symbol, scale = np.int64(symbols[n, c]), np.int64(deviation_indices[n, c])
             low, high = window(ZERO, scale, ZERO, ZERO, NORMAL, widths)
             if low <= symbol <= high:
                 inverse = inverse_scales[scale]
@@ -303,7 +303,7 @@ def decode_masks(data, byte_starts, anchor_starts, states, logits, logistic_tabl
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def decode_stage(
-    data, byte_starts, anchor_starts, states, scale_indices, coded, inverse_scales, widths, normal_cdf, symbols
+    data, byte_starts, anchor_starts, states, deviation_indices, coded, inverse_scales, widths, normal_cdf, symbols
 ):
     """Decodes a group of attributes that are predicted together, for the anchors of all packets.
 
@@ -312,7 +312,7 @@ def decode_stage(
         byte_starts: Packet p has the bytes from `byte_starts[p]` to `byte_starts[p + 1]` (exclusive) of `data`.
         anchor_starts: Packet p has the anchors from `anchor_starts[p]` to `anchor_starts[p + 1]` (exclusive).
         states: State of the range decoder of each packet, changed in place.
-        scale_indices: Index of each symbol's standard deviation in the coder's table.
+        deviation_indices: Index of each symbol's standard deviation in the coder's table.
         coded: Mask of the coded symbols; `coded[n, k]` is for columns 3 k to 3 k + 2 of anchor n.
         inverse_scales: Reciprocal of each standard deviation in the coder's table.
         widths: For each standard deviation in the coder's table, the largest distance from the mean that needs no
@@ -322,11 +322,11 @@ def decode_stage(
     """
     for p in range(states.shape[0]):
         for n in range(anchor_starts[p], anchor_starts[p + 1]):
-            for c in range(scale_indices.shape[1]):
+            for c in range(deviation_indices.shape[1]):
                 symbols[n, c] = 0
                 if coded[n, c // 3]:
                     symbol = decode_symbol(
-                        data, byte_starts[p + 1], states[p], ZERO, np.int64(scale_indices[n, c]), ZERO, ZERO, NORMAL,
-                        inverse_scales, widths, normal_cdf,
+                        data, byte_starts[p + 1], states[p], ZERO, np.int64(deviation_indices[n, c]), ZERO, ZERO,
+                        NORMAL, inverse_scales, widths, normal_cdf,
                     )  # fmt: skip
                     symbols[n, c] = min(max(symbol, -MAX_SYMBOL), MAX_SYMBOL)  # malformed: up to 33 bits

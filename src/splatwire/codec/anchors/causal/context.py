@@ -169,14 +169,14 @@ def integer_position_inputs(voxels: np.ndarray, middle: np.ndarray, spread: np.n
     return np.concatenate(waves, axis=1).astype(np.float64)
 
 
-def scale_indices(log_deviations: np.ndarray) -> np.ndarray:
+def deviation_indices(log_deviations: np.ndarray) -> np.ndarray:
     """Converts binary logarithms of standard deviations to indices in the coder's table, int16.
 
     Args:
         log_deviations: Binary logarithms in quantisation steps, int32, `OUTPUT_BITS` fractional bits.
     """
     indices = np.empty(log_deviations.shape, dtype=np.int16)
-    kernels.scale_indices(log_deviations, exp2_table(8, 20), indices)
+    kernels.deviation_indices(log_deviations, exp2_table(8, 20), indices)
     return indices
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from splatwire.codec.anchors.causal import _kernels as kernels
 from splatwire.codec.anchors.causal import _position_kernels as position_kernels
-from splatwire.codec.anchors.causal.context import CodingContext, Stage, scale_indices
+from splatwire.codec.anchors.causal.context import CodingContext, Stage, deviation_indices
 from splatwire.codec.anchors.causal.positions import AnchorPositions
 from splatwire.entropy.coder import tables
 from splatwire.entropy.tables import logistic_table
@@ -28,7 +28,7 @@ class Quantised:
         masks: 1 for offsets that exist, uint8 (n, K).
         logits: Predicted logits of the masks, int32 (n, K).
         symbols: Differences of attributes from the predicted means in quantisation steps, int32 (n, attributes).
-        scale_indices: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
+        deviation_indices: Index of each symbol's standard deviation in the coder's table, int16 (n, attributes).
         reconstructed: Decoded attributes in quantisation steps with 16 fractional bits, int32 (n, attributes):
             features, logarithms of the offset scale and of the three sizes, and offsets.
     """
@@ -39,7 +39,7 @@ class Quantised:
     masks: np.ndarray
     logits: np.ndarray
     symbols: np.ndarray
-    scale_indices: np.ndarray
+    deviation_indices: np.ndarray
     reconstructed: np.ndarray
 
     def rows(self) -> np.ndarray:
@@ -98,7 +98,7 @@ def quantise(
         if stage is context.stages[-1]:
             reconstructed *= coded
         quantised.symbols[:, columns], quantised.reconstructed[:, columns] = symbols, reconstructed
-        quantised.scale_indices[:, columns] = scale_indices(
+        quantised.deviation_indices[:, columns] = deviation_indices(
             np.ascontiguousarray(outputs[:, stage.num_mask_logits + stage.size :])
         )
     return quantised
@@ -123,7 +123,7 @@ def encode_packets(context: CodingContext, quantised: Quantised, counts: np.ndar
     kernels.encode_packets(
         anchor_starts, quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities,
         quantised.masks, quantised.logits, quantised.symbols,
-        quantised.scale_indices, first_columns, mask_stage, logistic_table(), *tables(), buffer, lengths,
+        quantised.deviation_indices, first_columns, mask_stage, logistic_table(), *tables(), buffer, lengths,
     )  # fmt: skip
     begins = anchor_starts[:-1] * max_anchor_bytes + 64 * np.arange(len(lengths))
     return [buffer[begin : begin + length].tobytes() for begin, length in zip(begins, lengths, strict=True)]
@@ -140,7 +140,7 @@ def anchor_bits(context: CodingContext, quantised: Quantised) -> np.ndarray:
     kernels.anchor_bits(
         quantised.positions.codes, quantised.positions.num_low_bits, context.low_bit_probabilities, quantised.masks,
         quantised.logits,
-        quantised.symbols, quantised.scale_indices, context.stages[-1].first, logistic_table(), *tables(), bits,
+        quantised.symbols, quantised.deviation_indices, context.stages[-1].first, logistic_table(), *tables(), bits,
     )  # fmt: skip
     return bits
 
@@ -208,7 +208,7 @@ def decode_packets(
         if stage.num_mask_logits:
             logits = np.ascontiguousarray(outputs[:, : stage.num_mask_logits])
             kernels.decode_masks(data, byte_starts, anchor_starts, states, logits, logistic_table(), masks)
-        indices = scale_indices(np.ascontiguousarray(outputs[:, stage.num_mask_logits + stage.size :]))
+        indices = deviation_indices(np.ascontiguousarray(outputs[:, stage.num_mask_logits + stage.size :]))
         symbols, reconstructed = np.empty(indices.shape, dtype=np.int32), np.empty(indices.shape, dtype=np.int32)
         coded = masks if stage is last else all_coded
         kernels.decode_stage(data, byte_starts, anchor_starts, states, indices, coded, *tables(), symbols)

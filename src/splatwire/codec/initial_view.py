@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 SECTION = "viewpoint"
 """Name of the section."""
 MIN_UP, MAX_UP = 0.5, 2.0
-"""Bounds of the length of a viewpoint's upward vector."""
+"""Bounds of the length of the upward direction of an initial view."""
 UP_SECTION = "up"
 """Name of the section with the upward axis alone: text such as `y` or `-z`; absent for `-y`."""
 AXES = (b"x", b"-x", b"y", b"-y", b"z", b"-z")
@@ -24,7 +24,7 @@ EXTENT_SECTION = "extent"
 """Name of the section with a sequence's bounding sphere over all frames: centre and radius as `f32`."""
 
 
-class Viewpoint(NamedTuple):
+class InitialView(NamedTuple):
     """Initial view of a scene, relative to its origin.
 
     Attributes:
@@ -85,7 +85,7 @@ def read_extent(sections: Mapping[str, bytes]) -> tuple[tuple[float, float, floa
     return (x, y, z), radius
 
 
-def check_viewpoint(sections: Mapping[str, bytes]) -> None:
+def check_view_sections(sections: Mapping[str, bytes]) -> None:
     """Checks the sections with initial view, up axis and extent.
 
     Args:
@@ -97,10 +97,10 @@ def check_viewpoint(sections: Mapping[str, bytes]) -> None:
     # The web page has the same rules.
     up_axis(sections)
     read_extent(sections)
-    read_viewpoint(sections)
+    read_initial_view(sections)
 
 
-def read_viewpoint(sections: Mapping[str, bytes]) -> "Viewpoint | None":
+def read_initial_view(sections: Mapping[str, bytes]) -> "InitialView | None":
     """Returns the initial view of a scene; None if the section is absent.
 
     Args:
@@ -117,10 +117,10 @@ def read_viewpoint(sections: Mapping[str, bytes]) -> "Viewpoint | None":
     distance, length = math.hypot(*(a - b for a, b in zip(eye, target, strict=True))), math.hypot(*up)
     if not (0 < distance < math.inf and MIN_UP < length < MAX_UP):
         raise BitstreamError(f"section '{SECTION}': an impossible viewpoint")
-    return Viewpoint(eye, target, up)
+    return InitialView(eye, target, up)
 
 
-def viewpoint_section(cameras: "Cameras") -> bytes:
+def initial_view_section(cameras: "Cameras") -> bytes:
     """Serialises the initial view of a scene, which is the view of the first camera.
 
     Args:

@@ -1,4 +1,7 @@
-"""Server sessions over a QUIC connection: with splatwire's own application protocol, or WebTransport over HTTP/3."""
+"""Clients of the QUIC server, and handlers of their connections.
+
+A connection has splatwire's own application protocol, or WebTransport over HTTP/3.
+"""
 
 from typing import Any
 
@@ -38,8 +41,8 @@ received, but never acknowledge them to QUIC.
 """
 
 
-class Session:
-    """Session with one client over QUIC: sends and receives datagrams of the transport protocol.
+class QuicClient:
+    """A client of the server over QUIC: sends and receives datagrams of the transport protocol.
 
     Requests, their responses and the init segment are sent as messages on a reliable stream. Copies of the first few
     of these messages are also sent in QUIC DATAGRAM frames, because the copies may arrive earlier. All other messages
@@ -48,7 +51,7 @@ class Session:
     Args:
         connection: QUIC connection of the client.
         stream: Number of the reliable stream; None until the client opens the stream.
-        prefix: First bytes of every DATAGRAM of the session.
+        prefix: First bytes of every DATAGRAM frame: the number of the WebTransport session; empty without HTTP/3.
     """
 
     def __init__(self, connection: Any, stream: int | None, prefix: bytes = b"") -> None:
@@ -107,8 +110,8 @@ class Session:
             self.connection.owner.on_message(self, data)
 
 
-class NativeSession:
-    """Session without HTTP/3, with one reliable stream and DATAGRAM frames.
+class NativeHandler:
+    """Handler of a connection without HTTP/3: one client with one reliable stream and DATAGRAM frames.
 
     Args:
         connection: QUIC connection of the client.
@@ -116,7 +119,7 @@ class NativeSession:
 
     def __init__(self, connection: Any) -> None:
         self._connection = connection
-        self._session = Session(connection, SESSION_STREAM)
+        self._client = QuicClient(connection, SESSION_STREAM)
         self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
@@ -128,21 +131,21 @@ class NativeSession:
                     return
                 self.has_request = True
                 try:
-                    self._session.stream_data(event.data)
+                    self._client.stream_data(event.data)
                 except BitstreamError as error:
                     self._connection.malformed(str(error))
             case events.DatagramFrameReceived():
-                self._session.datagram(event.data)
+                self._client.datagram(event.data)
             case events.StreamReset() | events.StopSendingReceived():
                 self._connection.malformed("the stream was given up")
 
     def end(self) -> None:
-        """Ends the session after its connection has closed."""
-        self._connection.owner.on_closed(self._session)
+        """Ends the transfers of the client after its connection has closed."""
+        self._connection.owner.on_closed(self._client)
 
 
-class WebTransportSessions:
-    """HTTP/3 connection with one WebTransport session: one reliable stream, and datagrams.
+class WebTransportHandler:
+    """Handler of an HTTP/3 connection: one client in one WebTransport session, with one reliable stream and datagrams.
 
     Args:
         connection: QUIC connection of the client.
@@ -152,15 +155,15 @@ class WebTransportSessions:
         self._connection = connection
         self._http = H3Connection(connection.quic, enable_webtransport=True)
         self._id: int | None = None
-        self._session: Session | None = None
+        self._client: QuicClient | None = None
         self._answered_streams: set[int] = set()
         self._num_outside_bytes = 0
         self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
-        """Passes an event of the QUIC connection to HTTP/3, and processes the resulting events of the session."""
+        """Passes an event of the QUIC connection to HTTP/3, and processes the resulting events of its session."""
         if isinstance(event, (events.StreamDataReceived, events.StreamReset, events.StopSendingReceived)):
-            inside = self._session is not None and event.stream_id == self._session.stream
+            inside = self._client is not None and event.stream_id == self._client.stream
             if isinstance(event, events.StopSendingReceived) and (inside or event.stream_id == self._id):
                 self._connection.malformed("the stream was given up")
                 return
@@ -181,9 +184,9 @@ class WebTransportSessions:
                 self._connection.end(0, "the session was closed")
 
     def end(self) -> None:
-        """Ends the session after its connection has closed."""
-        if self._session is not None:
-            self._connection.owner.on_closed(self._session)
+        """Ends the transfers of the client after its connection has closed."""
+        if self._client is not None:
+            self._connection.owner.on_closed(self._client)
 
     def _on_event(self, event: H3Event) -> None:
         match event:
@@ -191,9 +194,9 @@ class WebTransportSessions:
                 self._answer(event.stream_id, self._status(dict(event.headers)))
             case WebTransportStreamDataReceived():
                 self._stream_data(event)
-            case DatagramReceived() if self._session is not None and event.stream_id == self._id:
+            case DatagramReceived() if self._client is not None and event.stream_id == self._id:
                 self.has_request = True
-                self._session.datagram(event.data)
+                self._client.datagram(event.data)
 
     def _status(self, headers: dict[bytes, bytes]) -> int:
         """Returns the HTTP status of the response to a request for a WebTransport session."""
@@ -213,7 +216,7 @@ class WebTransportSessions:
     def _answer(self, stream_id: int, status: int) -> None:
         headers = [(b":status", str(status).encode())]
         if status == 200:
-            self._id, self._session = stream_id, Session(self._connection, None, encode_uint_var(stream_id // 4))
+            self._id, self._client = stream_id, QuicClient(self._connection, None, encode_uint_var(stream_id // 4))
             headers.append((b"sec-webtransport-http3-draft", b"draft02"))
         self._answered_streams.add(stream_id)
         try:
@@ -222,16 +225,16 @@ class WebTransportSessions:
             self._connection.malformed("a request was given up")
 
     def _stream_data(self, event: WebTransportStreamDataReceived) -> None:
-        if self._session is None or event.session_id != self._id or event.stream_id % 4:
+        if self._client is None or event.session_id != self._id or event.stream_id % 4:
             self._connection.malformed(f"a stream {event.stream_id} of no session")
             return
-        if self._session.stream is None:
+        if self._client.stream is None:
             self.has_request = True
-            self._session.opened(event.stream_id)
-        if event.stream_id != self._session.stream:
+            self._client.opened(event.stream_id)
+        if event.stream_id != self._client.stream:
             self._connection.malformed("a second stream")
             return
         try:
-            self._session.stream_data(event.data)
+            self._client.stream_data(event.data)
         except BitstreamError as error:
             self._connection.malformed(str(error))
