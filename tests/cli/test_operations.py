@@ -106,6 +106,19 @@ def test_hangup_reloads_streams_and_running_transfers_continue(contents: tuple[b
     assert (tmp_path / "after.swz").read_bytes() == (tmp_path / "still.swz").read_bytes() == new
 
 
+@pytest.mark.parametrize("kept", [100, -100])
+def test_a_file_that_was_refused_at_a_reload_does_not_change_the_exit_status(contents, tmp_path: Path, kept: int):
+    path = tmp_path / "scene.swz"
+    path.write_bytes(contents[0])
+    with serving(path) as server:
+        path.write_bytes(contents[1][:kept])
+        server.reload("reload failed")
+        server.process.terminate()
+        _, said = server.process.communicate(timeout=600)
+        assert server.process.returncode == 0
+    assert "intact parts" not in said
+
+
 def test_hangup_reloads_the_certificate_and_the_streams_of_the_page(contents: tuple[bytes, bytes], tmp_path: Path):
     pytest.importorskip("aioquic", reason="the package aioquic is not installed")
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat

@@ -29,6 +29,8 @@ _OBJECTS = 200_000
 """Threshold of Python's garbage collector: net number of allocated objects before a collection."""
 _MIN_COLUMNS = 20
 """Least width of help texts, characters."""
+_REFUSING_DAMAGE = ("serve",)
+"""Subcommands that use no damaged input: what is damaged when they read files again is refused with a message."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -206,7 +208,7 @@ def _run(arguments: list[str]) -> int:
         if isinstance(error, ModuleNotFoundError) and (how := how_to_install(error.name)):
             return _print_error(how)
         raise
-    return _print_damage(command) if warnings.damaged else 0
+    return _print_damage(command) if warnings.damaged and arguments[0] not in _REFUSING_DAMAGE else 0
 
 
 def _print_damage(command: Any) -> int:
