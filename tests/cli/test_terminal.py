@@ -119,6 +119,25 @@ def test_progress_shows_names_without_control_characters():
     assert not controls(shown.replace("\r", ""))
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudoterminals")
+def test_colorama_shows_no_escaped_sequence_at_exit() -> None:
+    pytest.importorskip("colorama", reason="the package colorama is not installed")
+    import pty
+
+    code = "import colorama\nfrom splatwire.cli._terminal import printable_streams\n"
+    code += "with printable_streams():\n    colorama.init()\n    print('shown')"
+    ours, theirs = pty.openpty()
+    with subprocess.Popen([sys.executable, "-c", code], stdin=theirs, stdout=theirs, stderr=theirs) as process:
+        os.close(theirs)
+        shown = b""
+        with contextlib.suppress(OSError):  # Linux reports the end of the terminal as an error
+            while data := os.read(ours, 1000):
+                shown += data
+    os.close(ours)
+    assert (process.returncode, shown.split()) == (0, [b"shown"])
+
+
 def test_errors_are_one_line_without_control_characters(run, tmp_path):
     path = tmp_path / "x\x1b[2J\u202e\nsecond.swz"
     path.write_bytes(b"nothing")

@@ -3,6 +3,7 @@
 Names of files and streams, messages of servers and contents of files are untrusted.
 """
 
+import atexit
 import contextlib
 import os
 import sys
@@ -92,7 +93,18 @@ def printable_streams() -> Iterator[None]:
             stack.enter_context(contextlib.redirect_stdout(PrintableStream(sys.stdout)))
         if sys.stderr is not None:
             stack.enter_context(contextlib.redirect_stderr(_ErrorStream(sys.stderr)))
+        stack.callback(_forget_colorama)
         yield
+
+
+def _forget_colorama() -> None:
+    """Removes the exit function of colorama, which would write a control sequence to the stream that escapes it.
+
+    numba initialises colorama, if it is installed.
+    """
+    module = sys.modules.get("colorama.initialise")
+    if module is not None:
+        atexit.unregister(module.reset_all)
 
 
 def print_failure(text: str) -> None:
