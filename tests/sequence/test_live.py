@@ -257,6 +257,19 @@ def test_recorded_live_stream_decodes_as_a_clip(frames):
     assert not any(edition.packets[n] for n in range(edition.newest_start) if not edition.persistent[n])
 
 
+def test_frames_of_which_no_gaussian_has_arrived_are_not_output_as_empty_ones(frames):
+    """As after a restart of the server: the next group may begin before the first keyframe packet arrives."""
+    encoder, groups = SequenceEncoder(SequenceOptions(group_frames=GROUP)), []
+    for splats in frames[: 3 * GROUP]:
+        if packets := encoder.push(splats):
+            groups.append((*encoder.current_header(STREAM_ID), packets))
+    decoder, shown = LiveDecoder(), list[int]()
+    arrived = [[], groups[0][2] + groups[1][2], groups[2][2]]
+    for (manifest, side_info, _), packets in zip(groups, arrived, strict=True):
+        shown += [frame.number for frame in (*decoder.update_header(manifest, side_info), *decoder.add(packets))]
+    assert shown == [*range(GROUP, 3 * GROUP)]
+
+
 def test_decoder_refuses_a_manifest_that_contradicts_earlier_ones(frames):
     encoder = SequenceEncoder(SequenceOptions(group_frames=GROUP))
     for splats in frames[:GROUP]:

@@ -24,7 +24,7 @@ class LiveDecoder:
     """Decoder of a live sequence that outputs the frames of one group of pictures at a time.
 
     A group is output when it is complete, or when the next group begins. A receiver that joins late starts with the
-    current group.
+    current group, or with the first group after it of which it has Gaussians to show.
 
     Args:
         concealer: Name of the concealer for tracks with lost motion.
@@ -43,6 +43,7 @@ class LiveDecoder:
         self._decoder: TracksDecoder | None = None
         self._packets_by_block: dict[int, list[Packet]] = {}
         self._new_keyframe_blocks: set[int] = set()
+        self._has_keyframes = False
         self._num_received: dict[int, int] = {}
         self._next_group = self._first_frame = 0
         self._concealment_state: ConcealmentState | None = None
@@ -88,6 +89,7 @@ class LiveDecoder:
             self._num_received[group] = self._num_received.get(group, 0) + packet.num_elements
             if plan.is_keyframe(block):
                 self._new_keyframe_blocks.add(block)
+                self._has_keyframes = True
             else:
                 motion.append(packet)
         if motion and self._decoder is not None:
@@ -136,6 +138,8 @@ class LiveDecoder:
         decoder = self._current_decoder()
         with allocating(f"decoding {self._manifest.num_elements:,} tracks"):
             self._store(decoder, self._manifest, group)
+            if not self._has_keyframes:  # nothing has arrived yet: the frames are unknown, not empty
+                return
             sequence = decoder.scene().scene
             frames, state_after = decode_group(
                 sequence, group, sequence.tracks.received, self._concealment_state, self._method
