@@ -7,9 +7,11 @@ from typing import Any
 import pytest
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+from cryptography.x509 import DNSName, SubjectAlternativeName
+
 from splatwire.transport import ReceiverOptions
 from splatwire.transport.http.content import PageContent, WebTransportEndpoint
-from splatwire.transport.quic.certificate import DAYS, RENEWED_DAYS, Identity, RenewedIdentity
+from splatwire.transport.quic.certificate import DAYS, RENEWED_DAYS, Identity, RenewedIdentity, self_signed
 from splatwire.transport.quic.client import Trust
 from splatwire.transport.quic.server import QuicServer
 from transport.test_quic import OTHER, PROGRAMS, fetch, run
@@ -40,6 +42,12 @@ def test_certificate_is_valid_for_browsers_at_any_time():
         seen.add(identity().fingerprint)
     assert len(seen) == 60 // RENEWED_DAYS == len(renewals) + 1
     assert RENEWED_DAYS < DAYS
+
+
+def test_certificate_has_names_of_any_script_as_in_the_dns() -> None:
+    names = self_signed(("münchen.example", "b.example", "::1", "x" * 64 + "é")).certificate.extensions
+    found = names.get_extension_for_class(SubjectAlternativeName).value
+    assert found.get_values_for_type(DNSName) == ["xn--mnchen-3ya.example", "b.example"]
 
 
 def test_renewed_certificate_is_served_and_announced_by_the_page():

@@ -6,7 +6,7 @@ import pytest
 
 from splatwire.errors import InvalidValueError
 from splatwire.transport.http.content import PageContent, WebTransportEndpoint
-from splatwire.transport.http.origins import is_loopback, is_loopback_origin, parse_origin
+from splatwire.transport.http.origins import is_loopback, is_loopback_origin, listens_on_loopback, parse_origin
 from splatwire.view.page import _origins
 
 TARGETS = ("/streams/ball.swz", "/streams.json", "/splatwire.js", "/splatwire-view.js")
@@ -39,6 +39,24 @@ def test_loopback_server_allows_local_origins_only(target, host):
         assert asked(content, target, origin)[1]["Access-Control-Allow-Origin"] == origin
     for origin in (*LOCAL, "https://evil.example", None):
         assert "Origin" in asked(content, target, origin)[1]["Vary"]
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_name_of_a_loopback_address_counts_as_one(target, monkeypatch):
+    """Debian gives the name of the machine the address 127.0.1.1."""
+    addresses = {
+        "machine": ["127.0.1.1"], "127.1": ["127.0.0.1"], "both": ["127.0.0.1", "::1"],
+        "some": ["127.0.0.1", "10.0.0.1"],
+    }  # fmt: skip
+    monkeypatch.setattr(
+        "socket.getaddrinfo", lambda host, *_, **__: [(2, 1, 6, "", (found, 0)) for found in addresses[host]]
+    )
+    listens_on_loopback.cache_clear()
+    for host in addresses:
+        content = PageContent({"ball": b"scene"}, host=host)
+        allowed = asked(content, target, "https://evil.example")[1].get("Access-Control-Allow-Origin")
+        assert allowed == ("*" if host == "some" else None), host
+    listens_on_loopback.cache_clear()
 
 
 @pytest.mark.parametrize("target", TARGETS)

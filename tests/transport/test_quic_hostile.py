@@ -1,6 +1,7 @@
 """Hostile QUIC clients end only their own connection."""
 
 import asyncio
+import contextlib
 import gc
 import logging
 import random
@@ -12,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from splatwire.transport import ReceiverOptions
+from splatwire.transport import ReceiverOptions, ServerLimits
 from splatwire.transport.protocol.messages import Feedback, ParityRange, Request, Welcome
 from splatwire.transport.protocol.wire import (
     DATA,
@@ -44,8 +45,9 @@ from splatwire.transport.quic.common import (
     length_prefixed,
 )
 from splatwire.transport.quic.handlers import MAX_PENDING_DATAGRAMS, MAX_PENDING_MESSAGES
+from splatwire.transport.quic.page import Page, open_quic_server
 from splatwire.transport.quic.server import MIN_MALFORMED, RETRY_HANDSHAKES
-from transport.test_quic import OTHER, fetch, run, serving
+from transport.test_quic import IDENTITY, OTHER, PROGRAMS, fetch, run, serving
 
 pytestmark = pytest.mark.slow
 
@@ -336,6 +338,28 @@ def test_webtransport_answers_only_its_own_path():
             assert client.statuses == [404, 405, 403, 200, 429]
             assert client.ended is None
             await close_client(client)
+
+    run(work())
+
+
+@pytest.mark.parametrize(
+    ("origin", "allowed"),
+    [("http://localhost:5173", True), ("https://evil.example", False), ("null", False), ("https://a.org", False)],
+)
+def test_pages_of_other_sites_open_no_session_with_a_server_on_loopback(origin, allowed):
+    async def work() -> None:
+        async with contextlib.AsyncExitStack() as stack:
+            opened = await open_quic_server(PROGRAMS, "127.0.0.1", 0, lambda: IDENTITY, ServerLimits(), stack)
+            client = await connected(opened.server.port, "h3")
+            client.connect_to(origin=origin)
+            await until(lambda: len(client.statuses) == 1)
+            assert client.statuses == [200 if allowed else 403]
+            await close_client(client)
+            for host, page, others in (
+                ("0.0.0.0", None, True), ("127.0.0.1", Page(0, "https://a.org"), True), ("127.0.0.1", Page(0), False)
+            ):  # fmt: skip
+                more = await open_quic_server(PROGRAMS, host, 0, lambda: IDENTITY, ServerLimits(), stack, page=page)
+                assert more.server.limits.allows_origin(b"https://evil.example") == others
 
     run(work())
 

@@ -7,7 +7,7 @@ from splatwire.bitstream import SceneStream, send_sequence, stream_to_bytes
 from splatwire.bitstream.origin import ORIGIN
 from splatwire.codec.initial_view import initial_view_section
 from splatwire.transport.http.content import PageContent
-from splatwire.transport.http.origins import is_loopback
+from splatwire.transport.http.origins import listens_on_loopback
 from splatwire.transport.http.pack import check_page_support
 from splatwire.transport.http.scene_list import viewpoint_attribute
 from splatwire.types import Cameras
@@ -54,7 +54,7 @@ def page_of_relay(name: str, relay: Relay, cameras: Cameras | None, host: str) -
 def _origins(host: str) -> tuple[str, ...] | None:
     """Returns the web origins whose pages may read the stream; None for all."""
     # Only on a loopback address, pages of other servers on this machine may read the stream.
-    return None if is_loopback(host) else ()
+    return None if listens_on_loopback(host) else ()
 
 
 def _attributes(cameras: Cameras | None) -> dict[str, str]:

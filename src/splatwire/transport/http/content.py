@@ -31,7 +31,7 @@ from splatwire.transport.http.messages import (
     token_in,
     token_of,
 )
-from splatwire.transport.http.origins import host_of, is_loopback, is_loopback_origin
+from splatwire.transport.http.origins import host_of, is_loopback, is_loopback_origin, listens_on_loopback
 from splatwire.transport.http.scene_list import preview_attributes, scene_list, start_attributes
 from splatwire.transport.protocol.layout import SourceBlocks, split_init_segment
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -383,7 +383,7 @@ class PageContent:
 
     def _cors_headers(self, origin: str | None) -> str:
         """Returns the CORS headers of a response to a page of the given web origin."""
-        if self.origins is None and (self.public_origin is not None or not is_loopback(self.host)):
+        if self.origins is None and (self.public_origin is not None or not listens_on_loopback(self.host)):
             return f"Access-Control-Allow-Origin: *\r\n{_READABLE}"
         allowed = is_loopback_origin(origin) if self.origins is None else origin in self.origins
         return (

@@ -1,7 +1,9 @@
 """Parsing of web origins (RFC 6454), which identify the pages that may read streams."""
 
+import functools
 import ipaddress
 import re
+import socket
 from urllib.parse import urlsplit
 
 from splatwire.errors import InvalidValueError
@@ -42,6 +44,23 @@ def is_loopback(host: str) -> bool:
         return ipaddress.ip_address(plain).is_loopback
     except ValueError:
         return plain == "localhost" or plain.endswith(".localhost")
+
+
+@functools.lru_cache(maxsize=64)
+def listens_on_loopback(host: str) -> bool:
+    """Returns True if a server that listens on a host is reachable from this machine only.
+
+    Args:
+        host: Name or address that the server listens on; a name is resolved, and may be the name of this machine. Not
+            for names that others choose.
+    """
+    if not host or is_loopback(host):
+        return bool(host)
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return False
+    return bool(found) and all(is_loopback(str(address[0])) for *_, address in found)
 
 
 def is_loopback_origin(origin: str | None) -> bool:

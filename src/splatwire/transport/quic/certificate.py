@@ -3,6 +3,7 @@
 import datetime
 import ipaddress
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -124,7 +125,8 @@ def self_signed(hosts: Sequence[str] = HOSTS, days: int = DAYS, now: datetime.da
         try:
             names.append(x509.IPAddress(ipaddress.ip_address(host)))
         except ValueError:
-            names.append(x509.DNSName(host))
+            with suppress(UnicodeError):  # no host name: the server cannot listen there, and says so
+                names.append(x509.DNSName(host.encode("idna").decode()))
     builder = (
         x509.CertificateBuilder()
         .subject_name(name)

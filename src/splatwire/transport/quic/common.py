@@ -12,6 +12,7 @@ from aioquic.quic.congestion.base import QuicCongestionControl, register_congest
 
 from splatwire.errors import BitstreamError
 from splatwire.transport.congestion.delivery_rate import DeliveryRateWindow
+from splatwire.transport.http.origins import is_loopback_origin
 from splatwire.transport.protocol.wire import MAX_DATAGRAM, STREAM_MESSAGES, message_kind
 
 ALPN = "splatwire/1"
@@ -70,11 +71,24 @@ class QuicLimits:
         connections: Maximum number of concurrent connections, including handshakes.
         per_network: Maximum number of concurrent connections of one network: an IPv4 address or a /64 prefix of IPv6.
         origins: Web origins whose pages may open WebTransport sessions, such as `https://example.org`; None allows all.
+        only_local: True to allow, without `origins`, only pages of this machine and clients that are no pages.
     """
 
     connections: int = 512
     per_network: int = 32
     origins: tuple[str, ...] | None = None
+    only_local: bool = False
+
+    def allows_origin(self, header: bytes | None) -> bool:
+        """Returns True if a page may open a session.
+
+        Args:
+            header: Value of its `Origin` header, which all browsers send; None without the header.
+        """
+        origin = None if header is None else header.decode("ascii", "replace")
+        if self.origins is not None:
+            return origin in self.origins
+        return not self.only_local or origin is None or is_loopback_origin(origin)
 
 
 class MessageReader:

@@ -208,8 +208,7 @@ class WebTransportHandler:
             b"webtransport-h3",
         ):
             return 405
-        origins = self._connection.owner.limits.origins
-        if origins is not None and headers.get(b"origin", b"").decode("ascii", "replace") not in origins:
+        if not self._connection.owner.limits.allows_origin(headers.get(b"origin")):
             return 403
         return 200 if self._id is None else 429
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from splatwire.transport.access import Access
 from splatwire.transport.http.content import PageContent, WebTransportEndpoint
+from splatwire.transport.http.origins import listens_on_loopback
 from splatwire.transport.http.proxies import IpNetwork
 from splatwire.transport.http.server import PageLimits, PageServer
 from splatwire.transport.protocol.served_stream import ServedStream
@@ -49,11 +50,14 @@ async def open_quic_server(
         identity: Function that returns the current certificate and key.
         limits: Limits on clients.
         stack: Exit stack that closes the servers.
-        origins: Web origins whose pages may open sessions; empty for all.
+        origins: Web origins whose pages may open sessions; if empty, all, or only those of this machine if the server
+            listens on a loopback address and no proxy has another.
         page: Settings of the page; None for no page.
         access: Access rules for private scenes; None if all scenes are public.
     """
-    quic_limits = QuicLimits(2 * limits.sessions, 2 * limits.per_network, origins or None)
+    # As for the streams over HTTP, pages of other sites may not read what only this machine can reach.
+    only_local = (page is None or page.public_origin is None) and listens_on_loopback(host)
+    quic_limits = QuicLimits(2 * limits.sessions, 2 * limits.per_network, origins or None, only_local)
     server = QuicServer(streams, host, port, identity=identity, limits=limits, quic_limits=quic_limits)
     stack.callback(server.close)
     server.core.access = access
