@@ -39,7 +39,8 @@ from transport.relay import Relay
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.quic.congestion.base import create_congestion_control
 
-from splatwire.transport.protocol.wire import DATA, decode, message_kind
+from splatwire.transport.protocol.transfer import ServerTransfer
+from splatwire.transport.protocol.wire import DATA, WELCOME, decode, message_kind
 from splatwire.transport.quic import client
 from splatwire.transport.quic.certificate import from_pem, self_signed
 from splatwire.transport.quic.client import Trust, receive_quic
@@ -374,6 +375,22 @@ def test_small_packets_of_clients_count_only_their_bytes_in_flight() -> None:
         control.on_packet_sent(packet=SimpleNamespace(sent_bytes=60, sent_time=0.0))
         counted[is_client] = control.bytes_in_flight
     assert counted == {False: MIN_COUNTED_BYTES, True: 60}
+
+
+def test_only_the_first_init_segment_is_also_sent_in_datagrams() -> None:
+    """Copies of a second one, as of a live stream, could be taken for symbols of the first."""
+    copies = list[int]()
+    quic = SimpleNamespace(
+        _datagrams_pending=[], send_datagram_frame=lambda data: copies.append(message_kind(data)),
+    )  # fmt: skip
+    session = Session(SimpleNamespace(quic=quic), None)
+    transfer = ServerTransfer(PROGRAMS["other"], 1, ServerLimits(), 0.0, reliable_init_segment=True)
+    for _ in range(2):
+        session.send(transfer.welcome())
+    transfer.set_stream(PROGRAMS["scene"])
+    for _ in range(2):
+        session.send(transfer.welcome())
+    assert copies == [WELCOME, WELCOME]
 
 
 def test_callback_error_is_raised_in_the_caller():

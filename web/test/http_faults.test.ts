@@ -173,6 +173,34 @@ for (const [kind, file] of KINDS) {
     }
   });
 
+  test(`${kind}: a bit error in the manifest of a repeated visit discards nothing`, async () => {
+    for (const at of [12, 200, 400]) {
+      const caches = new Caches(),
+        server = new Server((asked) => part(file, asked));
+      assertWhole(await visit(caches), file);
+      const before = server.asked.length;
+      server.answering = (asked, n) => part(n === before ? flipped(file, at) : file, asked);
+      assertWhole(await visit(caches), file);
+      const ends = server.asked.slice(before).map(({ range }) => range?.[1] ?? Infinity);
+      assert.ok(ends.length === 2 && ends.every((end) => end < 1000), `requests to ${ends}`);
+    }
+  });
+
+  test(`${kind}: connections that break after two packets deliver the whole stream`, async () => {
+    const most = 100 + 2 * Math.max(...offsets.map((offset, n) => (offsets[n + 1] ?? file.length) - offset)),
+      caches = new Caches(),
+      server = new Server((asked) => {
+        const answer = part(file, asked),
+          [first, end] = asked.range ?? [0, Infinity],
+          cut = Math.max(first, offsets[0]) + most;
+        if (answer.status === 416 || Math.min(end, file.length) <= cut) return answer;
+        if (server.asked.length > 200) return new Response(null, { status: 404 }); // ends the visit
+        return begun(file.slice(first, cut), { status: answer.status, headers: answer.headers }, "breaks");
+      });
+    for (let n = 0; n < 2; n++) assertWhole(await visit(caches), file);
+    assert.ok(server.asked.length < 160, `${server.asked.length} requests`);
+  });
+
   test(`${kind}: a bit error in the server's file costs only its packet`, async () => {
     const caches = new Caches(),
       server = new Server((asked) => part(flipped(file, offsets[3] + 40), asked)),

@@ -2,8 +2,9 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 
-import type { Head } from "../src/packets/container.ts";
+import { type Head, HeadReader } from "../src/packets/container.ts";
 import { crc32, portableCrc32 } from "../src/packets/crc32.ts";
+import { sha256 } from "../src/sha256.ts";
 import { Transfer } from "../src/transport/transfer.ts";
 import {
   END,
@@ -18,11 +19,19 @@ import {
   VERSION,
 } from "../src/transport/wire.ts";
 import { dataView, MessageReader, readWelcome, writeRequest } from "../src/transport/wire_messages.ts";
+import { fileOf } from "./vectors.ts";
 import { empty, welcome } from "./wire_messages.ts";
 
 const expected = process.env["EXPECTED"]
   ? (JSON.parse(readFileSync(process.env["EXPECTED"], "utf8")) as { request: string; welcome: string })
   : null;
+
+/** Returns the init segment, without bundled packets, of a stream's file. */
+function initSegmentOf(file: Uint8Array): Uint8Array {
+  const head = new HeadReader();
+  head.feed(file);
+  return head.headBytes.subarray(5);
+}
 
 test("message bytes equal Python's", { skip: expected === null && "EXPECTED is not set" }, () => {
   assert.equal(Buffer.from(writeRequest(7n, "scène")).toString("hex"), expected!.request);
@@ -276,6 +285,39 @@ test("only messages that bring something new count as activity, unless nothing n
     assert.equal(isProgress(message(END, 13, 1)), mayIdle);
     assert.ok(!isProgress(begin), "a repeated welcome message");
   }
+});
+
+test("a later welcome message that overtakes the stream gets only the symbols of its own init segment", () => {
+  const head = initSegmentOf(fileOf("../tests/golden/tiny_clip.swz")),
+    segments = [new Uint8Array(head.length).fill(7), head],
+    size = 256;
+  const welcomes = segments.map((segment, n) =>
+    welcome((numbers, bytes) => {
+      numbers.setBigUint64(17, BigInt(segment.length), true);
+      bytes.set(Buffer.from(sha256(segment), "hex"), 25);
+      numbers.setUint32(59, 10 + n, true);
+      bytes[69] = LIVE;
+    }),
+  );
+  const symbols = segments.map((segment) =>
+    Array.from({ length: Math.ceil(segment.length / size) }, (_, n) => {
+      const bytes = new Uint8Array(15 + size + 4);
+      bytes[0] = (VERSION << 4) | INIT_SYMBOL;
+      dataView(bytes).setUint32(1, 2, true);
+      dataView(bytes).setUint32(11, n, true);
+      bytes.set(segment.subarray(n * size, (n + 1) * size), 15);
+      return sealed(bytes);
+    }),
+  );
+  const transfer = new Transfer("", 7n, 0);
+  transfer.receive(welcomes[0], 1, false);
+  for (const one of symbols[0].slice(0, -1)) transfer.receive(one, 1, false);
+  transfer.receive(welcomes[1], 2);
+  transfer.receive(symbols[0].at(-1)!, 3, false);
+  for (const one of symbols[0]) transfer.receive(one, 3);
+  transfer.receive(welcomes[1], 4, false);
+  for (const one of symbols[1]) transfer.receive(one, 4, false);
+  assert.deepEqual([transfer.finished, transfer.numInitSegments], [null, 1]);
 });
 
 test("a limited number of packets is kept until the head arrives, and the others are requested", () => {

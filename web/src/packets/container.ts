@@ -3,7 +3,7 @@
 import { BitstreamError } from "../bytes.ts";
 import { sha256 } from "../sha256.ts";
 import { MAX_MANIFEST_BYTES, MAX_PACKET_BYTES } from "./limits.ts";
-import { type Manifest, readManifest } from "./manifest.ts";
+import { isIntactManifest, type Manifest, readManifest } from "./manifest.ts";
 import { HEADER_BYTES } from "./packet.ts";
 
 const MAGIC = [0x93, 0x53, 0x57, 0x5a, 1],
@@ -25,6 +25,12 @@ export function checkHead(manifest: Manifest, sideInfo: Uint8Array): Head {
 /** Returns true if the bytes begin with the magic number of a stream. */
 export function isStream(bytes: Uint8Array): boolean {
   return MAGIC.every((byte, n) => byte === bytes[n]);
+}
+
+/** Returns true if the first bytes of a file contain its whole manifest, but with a wrong digest. */
+export function isManifestDamaged(firstBytes: Uint8Array): boolean {
+  const end = PREFIX + new DataView(firstBytes.buffer, firstBytes.byteOffset).getUint32(PREFIX - 4, true);
+  return end <= firstBytes.length && !isIntactManifest(firstBytes.subarray(PREFIX, end));
 }
 
 /** Returns the bytes of a file before its first packet. */

@@ -52,6 +52,23 @@ const FIELDS = [
 const LAYOUT = ["feature_dim", "feature_groups", "num_offsets"];
 const PACKETIZATION = ["block_size", "grouping", "lanes", "order", "packaging", "seed"];
 
+/** Returns true if the digest in a manifest is that of its other fields, whatever they contain. */
+export function isIntactManifest(bytes: Uint8Array): boolean {
+  try {
+    const fields = parseJson(decoded(bytes));
+    return fields instanceof Map && hasOwnDigest(fields);
+  } catch (error) {
+    if (error instanceof BitstreamError) return false;
+    throw error;
+  }
+}
+
+function hasOwnDigest(fields: Fields): boolean {
+  const content = new Map(fields);
+  content.delete("digest");
+  return sha256(new TextEncoder().encode(writeJson(content))).slice(0, 16) === fields.get("digest");
+}
+
 /** Reads a manifest and checks every field by itself and against the others. Throws `BitstreamError`. */
 export function readManifest(bytes: Uint8Array): Manifest {
   if (bytes.length > limits.MAX_MANIFEST_BYTES)
@@ -70,11 +87,7 @@ export function readManifest(bytes: Uint8Array): Manifest {
     ...(version === 1 ? LAYOUT : ["codec"]),
     ...(fields.has("tiers") ? ["tiers"] : []),
   ]);
-  const content = new Map(fields);
-  content.delete("digest");
-  if (sha256(new TextEncoder().encode(writeJson(content))).slice(0, 16) !== fields.get("digest")) {
-    throw new BitstreamError("the manifest is damaged: its digest does not match");
-  }
+  if (!hasOwnDigest(fields)) throw new BitstreamError("the manifest is damaged: its digest does not match");
   const codec = version === 1 ? "hacpp" : (choice(fields, "codec", Object.keys(limits.SCHEMAS)) as Manifest["codec"]);
   const { formatVersion, elementsPerByte, maxTiers, timed } = limits.SCHEMAS[codec],
     sideInfoBytes = integer(fields, "side_info_bytes", 0, limits.MAX_SIDE_INFO_BYTES);

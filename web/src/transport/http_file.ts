@@ -229,7 +229,7 @@ export class HttpFile {
       const { value } = await this.#timely(reader.read()).catch((error: unknown) => {
         cancel();
         // a content coding makes parts unreadable, and CORS hides its header
-        if (error instanceof TypeError && first !== null) this.noteUseless(error.message);
+        if (error instanceof TypeError && first !== null && !count) this.noteUseless(error.message);
         throw error;
       });
       count += value?.length ?? 0;
@@ -268,8 +268,8 @@ export class HttpFile {
 }
 
 /**
- * Requests the bytes `first` to `end - 1`, the rest again if a response is shorter, and returns at least `least` bytes
- * unless the server gives no more.
+ * Requests the bytes `first` to `end - 1`, the rest again if a response is shorter or breaks off, and returns at least
+ * `minBytes` bytes unless the server gives no more. Throws if a response breaks off before its first byte.
  */
 export async function readRange(
   file: HttpFile,
@@ -282,27 +282,21 @@ export async function readRange(
   const bytes = new Uint8Array(end - first);
   let count = 0;
   for (let tries = 0; tries < MAX_SHORT && count < minBytes; tries++) {
-    const answer = await file.request(first + count, end, cache, signal);
+    const answer = await file.request(first + count, end, cache, signal),
+      before = count;
     try {
-      const piece = await readBytes(answer, bytes.length - count);
-      if (!piece.length) break;
-      bytes.set(piece, count);
-      count += piece.length;
+      for (let piece = await answer.read(); piece; piece = count < bytes.length ? await answer.read() : null) {
+        const needed = piece.subarray(0, bytes.length - count);
+        bytes.set(needed, count);
+        count += needed.length;
+      }
+    } catch (error) {
+      // on a path that breaks every connection after some time, a whole range might never arrive
+      if (!(error instanceof TypeError) || count === before) throw error;
     } finally {
       answer.cancel();
     }
-  }
-  return bytes.subarray(0, count);
-}
-
-/** Returns all bytes of a response, at most `size`. */
-export async function readBytes(answer: Answer, size: number): Promise<Uint8Array> {
-  const bytes = new Uint8Array(size);
-  let count = 0;
-  for (let piece = await answer.read(); piece; piece = count < size ? await answer.read() : null) {
-    const needed = piece.subarray(0, size - count);
-    bytes.set(needed, count);
-    count += needed.length;
+    if (count === before) break;
   }
   return bytes.subarray(0, count);
 }

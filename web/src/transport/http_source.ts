@@ -1,7 +1,7 @@
 // Reliable source of a stream: its file, over HTTP or embedded in the page. Packets are delivered on arrival.
 
 import { BitstreamError } from "../bytes.ts";
-import { isStream } from "../packets/container.ts";
+import { isManifestDamaged, isStream } from "../packets/container.ts";
 import type { Listener } from "./events.ts";
 import { HttpError } from "./http_error.ts";
 import { type Answer, type HttpFile, PastEnd, RangeUnsupported, readRange } from "./http_file.ts";
@@ -105,7 +105,11 @@ async function compare(file: HttpFile, listener: Listener, store: PacketStore): 
     file.noteUseless(reason);
     throw new Damaged(reason, { cause: new BitstreamError(reason) });
   }
-  if (!store.isSame(bytes)) throw new FileReplaced();
+  if (!store.isSame(bytes)) {
+    if (!isManifestDamaged(bytes)) throw new FileReplaced();
+    const reason = "the manifest is damaged";
+    throw new Damaged(reason, { cause: new BitstreamError(reason) });
+  }
   file.compared = true;
   listener.confirmed?.();
 }

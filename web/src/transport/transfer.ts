@@ -77,6 +77,10 @@ export class Transfer {
   initSegmentMs: number | null = null;
   /** Number of received heads. A growing stream has one per group of frames. */
   numInitSegments = 0;
+  /** Last welcome message of the reliable stream. */
+  #welcomeOnStream: Welcome | null = null;
+  /** True after a later welcome message with another init segment. */
+  #isGrown = false;
   /** Number of later welcome messages since the last head. */
   #numWelcomesSinceHead = 0;
   readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
@@ -166,10 +170,16 @@ export class Transfer {
     return this.#initSegment!.fileHead(this.head!);
   }
 
-  receive(bytes: Uint8Array, now: number): void {
+  /**
+   * Processes a message. `isDatagram` is false for messages of the reliable stream, which come in order and whose first
+   * ones also come as datagrams.
+   */
+  receive(bytes: Uint8Array, now: number, isDatagram = true): void {
     if (this.finished) return;
     const kind = messageKind(bytes);
     this.counts.bytes += bytes.length;
+    if (kind === WELCOME && !isDatagram) this.#welcomeOnStream = readWelcome(bytes, this.nonce);
+    if (kind === INIT_SYMBOL && this.#isOfEarlierSegment(isDatagram)) return;
     if (kind === WELCOME && !this.welcome) return this.#onWelcome(bytes, now);
     if (kind === WELCOME) return this.#onLaterWelcome(bytes, now);
     if (kind === REFUSE && bytes[9] === NOT_YET) return void (this.waitUntil = now + NOT_YET_MS);
@@ -200,6 +210,16 @@ export class Transfer {
       if (this.#packetStates[packetIndex]) this.#highestReceived = Math.max(this.#highestReceived, packetIndex);
     }
     this.#checkFinished();
+  }
+
+  /**
+   * Returns true for a symbol of an init segment before the current one: a later welcome message may arrive as a
+   * datagram before the stream delivers what precedes it.
+   */
+  #isOfEarlierSegment(isDatagram: boolean): boolean {
+    if (!this.welcome || !this.#welcomeOnStream) return false;
+    if (isDatagram) return this.#isGrown;
+    return hex(this.#welcomeOnStream.digest) !== hex(this.welcome.digest);
   }
 
   /** Builds a view update. */
@@ -320,6 +340,7 @@ export class Transfer {
     if (isSame ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
     if (isSame && next.isLive === before.isLive && hex(next.digest) === hex(before.digest)) return;
     this.welcome = next;
+    this.#isGrown = true;
     this.#numWelcomesSinceHead++;
     this.#initSegment = new InitSegment(next);
     this.head = null;

@@ -132,7 +132,7 @@ export async function receiveDatagrams(
   const reader = new MessageReader();
   readAll(stream.readable, (chunk) => {
     const now = performance.now();
-    for (const bytes of reader.feed(chunk)) transfer.receive(bytes, now);
+    for (const bytes of reader.feed(chunk)) transfer.receive(bytes, now, false);
     send(transfer.takeHaveMessages());
   }).catch(end);
   readAll(transport.datagrams.readable, (bytes) => {

@@ -45,8 +45,8 @@ class QuicClient:
     """A client of the server over QUIC: sends and receives datagrams of the transport protocol.
 
     Requests, their responses and the init segment are sent as messages on a reliable stream. Copies of the first few
-    of these messages are also sent in QUIC DATAGRAM frames, because the copies may arrive earlier. All other messages
-    are sent in QUIC DATAGRAM frames only.
+    of these messages are also sent in QUIC DATAGRAM frames, because the copies may arrive earlier, but not those of a
+    second init segment. All other messages are sent in QUIC DATAGRAM frames only.
 
     Args:
         connection: QUIC connection of the client.
@@ -60,16 +60,21 @@ class QuicClient:
         self._prefix = prefix
         self._reader = MessageReader()
         self._copies = REDUNDANT_FRAMES
+        self._init_segment_digest: bytes | None = None
         self._max_unacknowledged = WINDOW_BYTES
         self._pending_messages: list[bytes] = []
 
     def send(self, data: bytes) -> None:
         """Queues a message of the wire protocol for sending."""
-        copied, quic = is_stream_message(data) and self._copies > 0, self.connection.quic
-        if is_stream_message(data):
+        quic = self.connection.quic
+        if message_kind(data) == WELCOME and isinstance(message := decode(data), Welcome):
             # a long init segment may follow a welcome
-            if message_kind(data) == WELCOME and isinstance(message := decode(data), Welcome):
-                self._max_unacknowledged = max(self._max_unacknowledged, WINDOW_BYTES + 2 * message.init_segment_bytes)
+            self._max_unacknowledged = max(self._max_unacknowledged, WINDOW_BYTES + 2 * message.init_segment_bytes)
+            if self._init_segment_digest not in (None, message.digest):
+                self._copies = 0  # symbols of two init segments cannot be told apart without their order
+            self._init_segment_digest = message.digest
+        copied = is_stream_message(data) and self._copies > 0
+        if is_stream_message(data):
             self._send_on_stream(length_prefixed(data))
         if copied or not is_stream_message(data):
             self._copies -= copied
