@@ -383,13 +383,13 @@ def test_only_the_first_init_segment_is_also_sent_in_datagrams() -> None:
     quic = SimpleNamespace(
         _datagrams_pending=[], send_datagram_frame=lambda data: copies.append(message_kind(data)),
     )  # fmt: skip
-    session = Session(SimpleNamespace(quic=quic), None)
+    receiver = QuicClient(SimpleNamespace(quic=quic), None)
     transfer = ServerTransfer(PROGRAMS["other"], 1, ServerLimits(), 0.0, reliable_init_segment=True)
     for _ in range(2):
-        session.send(transfer.welcome())
+        receiver.send(transfer.welcome())
     transfer.set_stream(PROGRAMS["scene"])
     for _ in range(2):
-        session.send(transfer.welcome())
+        receiver.send(transfer.welcome())
     assert copies == [WELCOME, WELCOME]
 
 
