@@ -1161,7 +1161,7 @@ static void write_offsets(const double *coefficients, float *out, uint32_t frame
 }
 
 /// Computes the offsets of the packet's tracks, float (frames, number, 13), from the shifts and positions behind its
-/// headers, and the coding order of `num_moving` tracks behind them, int32. Returns their address.
+/// headers, and the order in which `num_moving` tracks are predicted behind them, int32. Returns their address.
 EXPORT(offsets) uint32_t offsets(uint32_t num_moving) {
   const int32_t *shifts = headers + HEADER_FIELDS * num_elements;
   positions = (double *)(((uint32_t)(shifts + CHANNELS * num_elements) + 7) & ~7u);

@@ -134,7 +134,7 @@ class AnchorSketch:
             The scene with coarse copies; and the result of the concealment, which contains the factors that enlarge
             anchors and the mask of the hidden anchors.
         """
-        return sketched.filled, sketched.conceal(self.copies)
+        return sketched.received_scene, sketched.conceal(self.copies)
 
 
 def _sensitivity(

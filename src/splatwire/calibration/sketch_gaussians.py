@@ -130,8 +130,8 @@ class GaussianSketch:
         """
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None
-        filled = with_copies(received, copies)
-        return filled, element_inputs(filled)
+        received_scene = with_copies(received, copies)
+        return received_scene, element_inputs(received_scene)
 
     def conceal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
         """Enlarges Gaussians to cover lost ones that have no coarse copy, as a receiver of this sketch would.
@@ -147,9 +147,9 @@ class GaussianSketch:
             The scene with coarse copies; and the result of the concealment, which contains the factors that enlarge
             Gaussians and the mask of the hidden Gaussians.
         """
-        filled, inputs = sketched
+        received_scene, inputs = sketched
         size, opacity, trust = self.growth
-        return filled, grown_with_copies(filled, inputs, (size, opacity, trust))
+        return received_scene, grown_with_copies(received_scene, inputs, (size, opacity, trust))
 
 
 def _as_many_as_fit(size: Callable[[int], int], max_copies: int, limit: int) -> int:

@@ -28,7 +28,7 @@ class SequenceFormat:
         kind: Detected file type of such a file (`splatwire.files.kinds`).
         module: Name of the module in `splatwire.io.formats` that contains the writer.
         writer: Name of the function that writes a file, given frames, path and frames per second.
-        keeps: Names of scene properties that such a file can store, such as the origin.
+        write_options: As in `FileFormat`: names of scene properties that such a file can store, such as the origin.
     """
 
     name: str
@@ -36,7 +36,7 @@ class SequenceFormat:
     kind: Kind
     module: str
     writer: str
-    keeps: frozenset[str] = frozenset()
+    write_options: frozenset[str] = frozenset()
 
     def write(self, frames: Iterable[FileContent], path: Path, rate: float) -> int:
         """Writes a sequence; returns the number of frames."""
@@ -45,7 +45,7 @@ class SequenceFormat:
 
     def _checked(self, frames: Iterable[FileContent], path: Path) -> Iterator[FileContent]:
         """Yields the frames unchanged. Logs which properties of the first frame the file format cannot store."""
-        form = FileFormat(self.name, "a sequence", write_options=self.keeps)
+        form = FileFormat(self.name, "a sequence", write_options=self.write_options)
         for number, frame in enumerate(frames):
             if not number:
                 storable_properties(

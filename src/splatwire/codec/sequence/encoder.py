@@ -344,13 +344,13 @@ class TracksEncoder:
         )
         track_rows = keyframe_rows[coded.order]
         source_keyframes = group.trajectories.at(track_rows, np.zeros_like(track_rows))
-        shifts = self._keyframe_encoder.shifts_of(coded.symbols, LOG_STEP_RATIOS)
+        shifts = self._keyframe_encoder.shifts_of(coded.rows, LOG_STEP_RATIOS)
         first_new = len(self._known.keys)
         self._known = self._known.with_births(
             source_keyframes, group.keys[track_rows], coded.positions, shifts, self._keyframe_encoder.log2_motion_unit
         )
-        for symbols in coded.block_symbols:
-            digest_keyframes(self._digest, symbols)
+        for rows in coded.block_rows:
+            digest_keyframes(self._digest, rows)
         track_indices[track_rows] = np.arange(first_new, len(self._known.keys))
         return self._renumbered(coded.packets, coded.num_blocks, self._known.visibility[first_new:])
 

@@ -50,18 +50,18 @@ class CodedKeyframes:
 
     Attributes:
         order: Entry i is the input index of the i-th keyframe Gaussian in packet order, int64 (n).
-        symbols: Decoded integers of the keyframe Gaussians, int64 (n, columns). Positions are relative to their blocks.
+        rows: Decoded integers of the keyframe Gaussians, int64 (n, columns). Positions are relative to their blocks.
         positions: Positions relative to the scene's origin, in the unit in which the motion of positions is coded,
             int64 (n, 3).
-        block_symbols: Decoded integers of each block, from which the stream's digest is computed.
+        block_rows: Decoded integers of each block, `rows` and harmonics, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
     """
 
     order: np.ndarray
-    symbols: np.ndarray
+    rows: np.ndarray
     positions: np.ndarray
-    block_symbols: list[tuple[np.ndarray, np.ndarray]]
+    block_rows: list[tuple[np.ndarray, np.ndarray]]
     packets: list[Packet]
     num_blocks: int
 
@@ -301,21 +301,21 @@ class KeyframeEncoder:
         def encode(block: int):  # type: ignore[no-untyped-def]
             return encode_block(source.block_source(block, info), info, block, np.zeros(0, np.int64), max_payload_bytes)
 
-        order, symbols, positions, block_symbols, packets = [], [], [], [], []
+        order, rows, positions, block_rows, packets = [], [], [], [], []
         lattice_shift = log2_lattice_ratio(info, self.motion_unit_info)
         for block, coded in enumerate(ordered_map(encode, range(plan.num_blocks), self._threads_for(plan))):
             starts = np.cumsum(coded.counts) - coded.counts
             for start, count, payload in zip(starts.tolist(), coded.counts.tolist(), coded.payloads, strict=True):
                 packets.append(make_packet(PacketId(block, start), count, payload))
             order.append(source.packet_order(block, info, coded.counts))
-            block_symbols.append((coded.rows, coded.harmonic_rows))
-            symbols.append(coded.rows)
+            block_rows.append((coded.rows, coded.harmonic_rows))
+            rows.append(coded.rows)
             positions.append(to_motion_units(coded.rows, info, block, lattice_shift))
         return CodedKeyframes(
             np.concatenate(order),
-            np.concatenate(symbols),
+            np.concatenate(rows),
             np.concatenate(positions),
-            block_symbols,
+            block_rows,
             packets,
             plan.num_blocks,
         )

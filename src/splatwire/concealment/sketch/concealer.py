@@ -92,18 +92,18 @@ def conceal_with_copies(received: ReceivedScene[SplatScene], copies: Copies) -> 
 
 
 def grown_with_copies(
-    filled: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
+    sketched: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
 ) -> Concealed:
     """Leaves out lost Gaussians that have no coarse copy, and enlarges the Gaussians around them.
 
     Args:
-        filled: Received scene in which copies have replaced lost Gaussians.
+        sketched: Received scene in which copies have replaced lost Gaussians.
         inputs: Inputs of the network that corrects the enlargement.
         growth: Parameters of the enlargement (`Copies.growth`): exponents of size and opacity, weight of the network.
     """
     size, opacity, trust = growth
     gains = default_element_weights()(inputs, trust, (size, opacity))
-    return replace(enlarge_received(filled, inputs.rows, gains), elements=filled.elements)
+    return replace(enlarge_received(sketched, inputs.rows, gains), elements=sketched.elements)
 
 
 def with_copies(received_scene: ReceivedScene[SplatScene], copies: Copies) -> ReceivedScene[SplatScene]:
@@ -125,20 +125,20 @@ class SketchedLoss:
     """Received scene in which copies have replaced lost anchors, and data for enlarging the M drawn anchors.
 
     Attributes:
-        filled: The scene; an anchor with a copy counts as received. At least one anchor is drawn.
+        received_scene: The scene; an anchor with a copy counts as received. At least one anchor is drawn.
         drawn_share: For each drawn anchor, fraction of its neighbours that are drawn, 0 to 1.
         inputs: Inputs of the network that corrects the enlargement.
     """
 
-    filled: ReceivedScene[AnchorScene]
+    received_scene: ReceivedScene[AnchorScene]
     drawn_share: Float[np.ndarray, "M"]
     inputs: GainInputs
 
     @staticmethod
-    def of(filled: ReceivedScene[AnchorScene]) -> "SketchedLoss":
+    def of(sketched: ReceivedScene[AnchorScene]) -> "SketchedLoss":
         """Computes the data for enlarging drawn anchors, given a scene in which copies have replaced lost anchors."""
-        around = surroundings_of(filled, np.flatnonzero(filled.fully_received))
-        return SketchedLoss(filled, 1 - near_losses(filled, around), gain_inputs(filled, around))
+        around = surroundings_of(sketched, np.flatnonzero(sketched.fully_received))
+        return SketchedLoss(sketched, 1 - near_losses(sketched, around), gain_inputs(sketched, around))
 
     def conceal(self, section: SketchSection) -> Concealed:
         """Hides those lost anchors that have no coarse copy, and enlarges drawn anchors next to hidden ones.
@@ -146,10 +146,10 @@ class SketchedLoss:
         Args:
             section: The decoded section `sketch`, with the parameters of the enlargement and the coarse copies.
         """
-        rule = Grow(exponent=section.exponent, max_excess=section.max_excess)
-        gain = rule.gain(self.drawn_share, self.filled.fully_received, self.filled.tier_sizes)
+        rule, scene = Grow(exponent=section.exponent, max_excess=section.max_excess), self.received_scene
+        gain = rule.gain(self.drawn_share, scene.fully_received, scene.tier_sizes)
         gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
-        return replace(enlarge_received(self.filled, self.inputs.rows, gains), elements=self.filled.filled)
+        return replace(enlarge_received(scene, self.inputs.rows, gains), elements=scene.filled)
 
 
 def with_sketch(received_scene: ReceivedScene[AnchorScene], section: SketchSection) -> ReceivedScene[AnchorScene]:

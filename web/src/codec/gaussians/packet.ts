@@ -7,6 +7,7 @@ import type { Splats } from "../splats.ts";
 import { decodeCells } from "./cells.ts";
 import { decodeHarmonics } from "./harmonics.ts";
 import {
+  ASSUMED_ELONGATION,
   AXIS,
   BITS,
   CLASS,
@@ -154,7 +155,7 @@ export class PacketDecoder implements GaussianPacketDecoder {
       MAX_LOG_OPACITY,
     );
     rows[row + OPACITY] = opacity;
-    const expected = this.#absolute ? 0 : 2 * this.#neighbours.means[1] - (2 << BITS);
+    const expected = this.#absolute ? 0 : 2 * this.#neighbours.means[1] - ASSUMED_ELONGATION;
     const s0 = clip(
       this.#decodePredicted(1, STEP_SCALE0, precisionClass, expected, 0, opacity, BITS - 1),
       -MAX_LOG,
@@ -162,7 +163,7 @@ export class PacketDecoder implements GaussianPacketDecoder {
     );
     rows[row + SCALE0] = s0;
     const elongation = clip(
-      this.#decodePredicted(2, STEP_ELONGATION, precisionClass, 2 * s0 - (2 << BITS), 0, opacity, BITS - 1),
+      this.#decodePredicted(2, STEP_ELONGATION, precisionClass, 2 * s0 - ASSUMED_ELONGATION, 0, opacity, BITS - 1),
       0,
       MAX_LOG,
     );

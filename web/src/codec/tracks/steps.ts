@@ -1,6 +1,7 @@
 // Quantisation steps of motion, derived from those of the track's keyframe Gaussian.
 
 import {
+  ASSUMED_ELONGATION,
   BITS,
   CLASS,
   DIRECTION_BITS,
@@ -68,7 +69,7 @@ export class MotionSteps {
     own[0] += this.latticeShift;
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = own[KIND_OF[c]];
     out[at + 6] = steps.shift(STEP_SCALE0, precisionClass, 0, 0, 0, opacity, BITS - 1);
-    out[at + 7] = steps.shift(STEP_ELONGATION, precisionClass, 2 * s0 - (2 << BITS), 0, 0, opacity, BITS - 1);
+    out[at + 7] = steps.shift(STEP_ELONGATION, precisionClass, 2 * s0 - ASSUMED_ELONGATION, 0, 0, opacity, BITS - 1);
     out[at + 8] = Math.min(last + (flatness >> BITS), BITS - 1);
     for (let c = 0; c < NUM_CHANNELS; c++) out[at + c] = limitShift(out[at + c] + this.logStepRatios[KIND_OF[c]]);
   }
