@@ -7,7 +7,7 @@ import multiprocessing
 import numpy as np
 import pytest
 
-from splatwire.bitstream import read_stream
+from splatwire.bitstream import read_stream, write_stream
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, repack
 from splatwire.concealment import conceal
@@ -229,6 +229,30 @@ touch submitted; echo Submitted batch job 17""",
     with pytest.raises(SplatwireError, match=r"the job was refused: .*invalid partition specified: gpuu"):
         SlurmEngine(2, options=SlurmOptions(partition="gpuu")).run(Store(tmp_path / "store"), units, lambda event: None)
     assert (tmp_path / "cancelled").read_text() == "17\n"
+
+
+def test_a_scene_that_cannot_be_used_is_refused_before_the_work(study, tmp_path, tiny_folder):
+    stream, _ = read_stream(tiny_folder / "tiny.swz")
+    write_stream(transmit(stream, "bernoulli:0.5", seed=1)[0], tmp_path / "lossy.swz")
+    (tmp_path / "cameras.json").write_text("[]")
+    good = study.scenes[0]
+    steps = []
+    for change, message in (
+        (
+            {"source": tmp_path / "lossy.swz"},
+            r"lossy\.swz: \d+ of \d+ packets are missing, and rows put the scene 'other'",
+        ),
+        ({"cameras": tmp_path / "cameras.json"}, "cameras.json: has no views"),
+    ):
+        other = dataclasses.replace(good, name="other", **change)
+        with pytest.raises(SplatwireError, match=message):
+            run_study(
+                dataclasses.replace(study, scenes=(good, other)),
+                Store(tmp_path / "store"),
+                InProcess(),
+                lambda task, share: steps.append(task),
+            )
+    assert not steps
 
 
 @pytest.mark.parametrize(

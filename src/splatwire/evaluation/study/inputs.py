@@ -24,7 +24,7 @@ from splatwire.codec.registry import schema_named
 from splatwire.concealment import conceal_if_received, concealer_names, create_concealer
 from splatwire.concealment.registry import why_unfit
 from splatwire.concealment.temporal.concealers import temporal_concealer_names
-from splatwire.data import save_cameras
+from splatwire.data import load_cameras, save_cameras
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluation.extent import SceneExtent
 from splatwire.evaluation.study.decoded import prepare_decoded
@@ -176,6 +176,29 @@ class Source:
     def can_encode(self, packetization: Packetization) -> bool:
         """Returns True if the scene can be encoded with the packetization."""
         return packetization.universal or SCHEMAS[self.schema_name].separable
+
+
+def check_scenes(study: Study, store: Store) -> None:
+    """Checks streams and cameras of all scenes, so that one that cannot be used is an error before the work begins.
+
+    Raises:
+        SplatwireError: If a stream, cameras file or dataset cannot be read; if a stream is a sequence and the scene has
+            no reference; or if packets are missing and a method puts the scene into other packets.
+    """
+    packs = any(row.packetization is not None and not row.decoded for row in study.rows)
+    for entry in study.scenes:
+        source = Source(entry, store.files)
+        if entry.kind == "stream" or entry.sections is not None:
+            stream = source.stream
+            assert stream is not None
+            num_missing = stream.manifest.num_packets - len(stream.packets)
+            if num_missing and packs and not source.timed:
+                raise InvalidValueError(
+                    f"{entry.sections or entry.source}: {num_missing} of {stream.manifest.num_packets} packets are "
+                    f"missing, and rows put the scene '{entry.name}' into other packets: only a complete stream can be"
+                )
+        if entry.cameras is not None and not source.timed:
+            load_cameras(entry.cameras)
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:

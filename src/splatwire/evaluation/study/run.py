@@ -10,7 +10,7 @@ from typing import Any
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.study.definition import Loss, Study
 from splatwire.evaluation.study.engines import Engine, Event
-from splatwire.evaluation.study.inputs import PreparedScene, prepare_scene
+from splatwire.evaluation.study.inputs import PreparedScene, check_scenes, prepare_scene
 from splatwire.evaluation.study.records import Record, hardest
 from splatwire.evaluation.study.references import Progress
 from splatwire.evaluation.study.store import Store
@@ -109,6 +109,7 @@ def run_study(study: Study, store: Store, engine: Engine, progress: Progress) ->
     """
     # The baseline is computed first. Images of all methods are stored for the views with the baseline's lowest PSNR.
     with store.locked():
+        check_scenes(study, store)
         lpips = lpips_digest()
         scenes = {entry.name: prepare_scene(study, entry, store, progress) for entry in study.scenes}
         cells = list_cells(study, scenes, lpips_digest=lpips)
