@@ -21,6 +21,8 @@ import numpy as np
 import pytest
 
 from codec.gaussians.test_gaussians import some_splats
+from explicit import encode_splats
+from moving_sequences import moving_frames
 from processes import server_process
 from scenes import tiny_cameras, tiny_scene
 from splatwire.bitstream import PRESETS, Packetization, read_stream, write_stream
@@ -32,7 +34,7 @@ from splatwire.codec.preview import Preview, PreviewQuantisation, preview_scene,
 from splatwire.concealment import conceal
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError
-from splatwire.io.formats import read_splats
+from splatwire.io.formats import read_splats, write_splats
 from splatwire.lod import encode_levels
 from splatwire.types import SplatScene
 
@@ -163,6 +165,13 @@ def test_two_streams_of_one_name_are_refused(stream_file: Path, tmp_path: Path, 
     error = capsys.readouterr().err
     assert "both called 'tiny'" in error
     assert f"{stream_file} and {other}" in error
+
+
+def test_receive_accepts_a_suffix_in_upper_case(tmp_path: Path):
+    write_stream(encode_splats(some_splats(), PRESETS["datagram"]), tmp_path / "splats.swz")
+    with serving(str(tmp_path / "splats.swz")) as facts:
+        assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(tmp_path / "a.SPZ")) == 0
+    assert read_splats(tmp_path / "a.SPZ").num_gaussians == some_splats().num_gaussians
 
 
 def test_receive_writes_a_decoded_scene(url: str, tmp_path: Path):
@@ -381,6 +390,19 @@ def test_waiting_for_a_live_stream_that_has_not_begun_is_reported_once(
     error = capsys.readouterr().err
     assert error.count("splatwire: warning: the stream has not begun; waiting for its data\n") == 1
     assert "no scene arrived (deadline: the stream has not begun)" in error
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.SPZ"])
+def test_live_clip_is_not_written_to_a_folder_with_the_name_of_a_file(name: str, tmp_path: Path, capsys):
+    frames, target = tmp_path / "frames", tmp_path / name
+    frames.mkdir()
+    for number, splats in enumerate(moving_frames(100, 4)):
+        write_splats([splats], frames / f"{number}.ply")
+    words = ["live", str(frames), "--port", "0", "--json", "--group", "2"]
+    with server_process([sys.executable, "-m", "splatwire", *words]) as facts:
+        assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(target)) == 2
+    assert "is a live clip, which" in capsys.readouterr().err
+    assert not target.exists()
 
 
 @pytest.mark.parametrize(

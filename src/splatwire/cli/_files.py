@@ -129,7 +129,7 @@ def prepared_output(path: Path, *, folder: bool = False, expected_suffix: str | 
     """
     # Outputs are written to a temporary file that then replaces the target, which must not happen to a device such as
     # `/dev/null`.
-    suffix, expected = path.suffix.lower(), expected_suffix
+    suffix, expected = path.suffix.lower(), None if expected_suffix is None else expected_suffix.lower()
     if expected is not None and suffix in _FORMATS and suffix != expected:
         written = _FORMATS.get(expected) or (f"a {expected} file" if expected else "a scene file")
         raise InvalidValueError(

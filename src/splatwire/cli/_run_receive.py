@@ -63,6 +63,11 @@ def run(command: Receive) -> None:
     with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
 
         def on_event(event: Event) -> None:
+            if isinstance(event, Welcomed) and event.is_live and command.explicit:
+                raise InvalidValueError(
+                    f"{url} is a live clip, which {command.output} is no name for: name a folder for its frames, or a "
+                    f"{FILE_SUFFIX} file"
+                )
             moments.on_event(event, show)
             live.on_event(event)
             if isinstance(event, StreamReplaced) and not live.began:
