@@ -5,6 +5,7 @@ import json
 import pytest
 
 from splat_io.formats.handmade import some_splats
+from splatwire.anchors.appearance import antialiased
 from splatwire.io import open_scene
 from splatwire.io.formats import is_antialiased, write_splats
 from splatwire.types.background import BLACK, WHITE
@@ -60,16 +61,16 @@ def test_unreadable_arguments_give_a_warning_and_black(model, caplog):
 
 @pytest.mark.parametrize("argument", ["antialiasing=True", "rasterize_mode='antialiased'"])
 def test_a_model_folder_has_the_antialiasing_of_its_training(model, run, tmp_path, argument):
-    assert not open_scene(model).antialiased
+    assert not antialiased(open_scene(model))
     (model / "cfg_args").write_text(f"Namespace(sh_degree=3, source_path='/data/mip', {argument}, eval=True)")
-    assert open_scene(model / "point_cloud").antialiased
+    assert antialiased(open_scene(model / "point_cloud"))
     assert run("import", "splats", model, "-o", tmp_path / "b.ply").status == 0
     assert is_antialiased(tmp_path / "b.ply")
 
 
 def test_unclear_antialiasing_of_a_training_gives_a_warning(model, caplog):
     (model / "cfg_args").write_text("Namespace(sh_degree=3, kernel_size=0.1, white_background=False)")
-    assert not open_scene(model).antialiased
+    assert not antialiased(open_scene(model))
     assert "argument 'kernel_size: 0.1' is not understood: the scene is drawn without antialiasing" in caplog.text
 
 
