@@ -222,6 +222,27 @@ def test_false_acknowledgements_are_ignored():
     assert next(iter(server._transfers.values())).control.rate == before
 
 
+def test_requests_in_a_flood_of_reports_are_ignored():
+    """They would take much more time than the reports themselves."""
+    rng = random.Random(7)
+    server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes)
+    receiver = Receiver(rng.getrandbits(64), 0.0)
+    handshake(server, receiver)
+    transfer, session = next(iter(server._transfers.values())), receiver.welcome.session
+
+    def queued_after(now: float, index: int) -> int:
+        server.receive("client", encode(Feedback(session, 0, 0, 0, 0, (index,))), now)
+        return len(transfer._retransmissions)
+
+    assert queued_after(0.0, 0) == 1
+    for _ in range(1000):
+        server.receive("client", encode(Feedback(session, 0, 0, 0, 0)), 0.01)
+    assert queued_after(0.01, 1) == 1
+    assert queued_after(0.05, 2) == 2
+    finish(server, receiver)
+    assert receiver.stream() == STREAM
+
+
 def test_poisoned_side_information_is_discarded_and_requested_again():
     rng = random.Random(6)
     server = Server({"scene": PROGRAM}, secret=SECRET, random=rng.randbytes, limits=ServerLimits(fixed_rate=1e9))

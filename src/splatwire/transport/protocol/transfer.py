@@ -74,6 +74,10 @@ PROBLEMS = {
     "rate too high": "without --rate, the server adapts to the path",
 }
 """Advice for the log about each problem of a path."""
+MAX_REPORTS_S, MAX_REPORTS_AT_ONCE = 100.0, 100.0
+"""Number of reports per second, and at once, whose requests for retransmission are processed. Receivers report 50 times
+per second; the requests of a flood of reports would take ten times as long as the rest.
+"""
 FEEDBACK_TIMEOUT_S = 1.0
 """Time without feedback after which sending is suspended, seconds. Receivers report 50 times per second."""
 
@@ -122,6 +126,7 @@ class ServerTransfer:
         self._counts_before = ReportedCounts(0, 0, 0)
         self._num_small_arrived = self._num_large_lost = self._num_probes = 0
         self._problems, self._returned_problems = set[str](), set[str]()
+        self._reports_left, self._reported_at = MAX_REPORTS_AT_ONCE, now
         self._max_bytes = SPARE_BYTES
         self._raise_byte_limit(0)
 
@@ -311,7 +316,11 @@ class ServerTransfer:
             if sample is not None:
                 self.control.on_feedback(now, *sample)
                 self._pacer.rate = self._limits.fixed_rate or self.control.rate
-        self._queue_retransmissions(message, now)
+        gained = (now - self._reported_at) * MAX_REPORTS_S
+        self._reports_left, self._reported_at = min(self._reports_left + gained, MAX_REPORTS_AT_ONCE), now
+        if self._reports_left >= 1:
+            self._reports_left -= 1
+            self._queue_retransmissions(message, now)
 
     def new_problems(self) -> list[str]:
         """Returns the problems of the path that were found since the previous call, as keys of `PROBLEMS`.
