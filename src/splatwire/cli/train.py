@@ -66,7 +66,7 @@ class Train:
     """Training device: auto, cpu or cuda (which renders with gsplat). auto selects cuda if it is usable."""
     init: Path | None = None
     """Scene file to train further on these photos; its anchors keep their positions and none are added. Or explicit
-    Gaussians (PLY, .splat, ...): their centres are the first anchors instead of the data's points."""
+    Gaussians (PLY, .splat, ...): only their centres and colours are used, instead of the data's points."""
     seed: int = 0
     """Seed of all random choices."""
     resume: bool = False

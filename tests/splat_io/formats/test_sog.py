@@ -15,7 +15,6 @@ from close import assert_close
 from splat_io.formats.handmade import some_splats
 from splatwire.errors import DatasetError
 from splatwire.io.formats import is_antialiased, read_splats, splats_kind, write_splats
-from splatwire.io.formats._columns import FREE_GAUSSIANS
 from splatwire.types.splats import Splats
 
 
@@ -194,9 +193,10 @@ def test_members_of_one_path_are_refused(tmp_path: Path) -> None:
         read_splats(path)
 
 
-def test_chunks_with_images_in_subfolders_are_read(tmp_path: Path) -> None:
+def test_chunks_with_images_in_subfolders_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The number of Gaussians is compared with the size of the images in subfolders, too."""
-    count = FREE_GAUSSIANS + 1
+    monkeypatch.setattr("splatwire.io.formats._columns.FREE_GAUSSIANS", 1000)
+    count = 1001
     files = _files(tmp_path / "a.sog", some_splats(count, 0))
     _folder(tmp_path / "s/0_0", _moved(_named(files, lambda name: f"images/{name}"), "images/"))
     tree = {"lods": {"0": {"file": 0, "offset": 0, "count": count}}}
