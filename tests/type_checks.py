@@ -1,9 +1,10 @@
 """Run-time type checks with little overhead.
 
 beartype checks all functions. Functions with shapes in their annotations also get a context; there, jaxtyping compares
-the dimensions of arguments and result; `jaxtyping.jaxtyped` itself checks all arguments twice. A check is generated
-when its function is called first: most processes call a part of the package. A function within another one is a new
-object in each call of that one; these objects share one generated check.
+the dimensions of arguments and result; `jaxtyping.jaxtyped` itself checks all arguments twice. These functions are
+checked in a sample of their calls. A check is generated when its function is called first: most processes call a part
+of the package. A function within another one is a new object in each call of that one; these objects share one
+generated check.
 """
 
 import dataclasses
@@ -27,9 +28,9 @@ _LOCK = threading.RLock()
 """Held while the annotations of a function are replaced by their values."""
 _CHECKS_OF_CLOSURES: dict[CodeType, "_Check"] = {}
 """Checks of functions within other functions."""
-CHECKED_CALLS, UNCHECKED_CALLS = 64, 16
-"""Of a function with shapes, the first calls are checked, and then one of so many: checks of loops with thousands of
-calls took a tenth of the whole suite's time."""
+CHECKED_CALLS, CHECK_INTERVAL = 64, 16
+"""Of a function with shapes, the first 64 calls of a process are checked, and then each 16th: checks of all calls took
+a tenth of the whole suite's time."""
 _FITTING: set[tuple[type, type]] = set()
 """Protocols, each with a class whose objects have all its members."""
 
@@ -128,7 +129,7 @@ def _with_shapes(found: Callable[..., Any], make: Callable[[], Callable[..., Any
     def call(*args: Any, **kwargs: Any) -> Any:
         nonlocal checked, num_calls
         num_calls += 1
-        if num_calls > CHECKED_CALLS and num_calls % UNCHECKED_CALLS:
+        if num_calls > CHECKED_CALLS and num_calls % CHECK_INTERVAL:
             return found(*args, **kwargs)
         checked = checked or make()
         with whole("context"):

@@ -300,7 +300,7 @@ def test_files_are_added_to_a_folder_that_was_empty_and_that_a_program_filled_me
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EACCES])
-def test_errors_of_a_copy_into_an_existing_folder_keep_their_cause(tmp_path, monkeypatch, code):
+def test_a_full_disk_or_quota_is_named_by_a_copy_into_an_existing_folder(tmp_path, monkeypatch, code):
     target = tmp_path / "a"
     target.mkdir()
 
@@ -362,13 +362,15 @@ def test_what_cannot_be_moved_stays_for_the_next_writer(half_filled, monkeypatch
 
 
 def test_what_cannot_be_listed_stays_for_the_next_writer(half_filled, monkeypatch):
-    def refused(folder):
-        raise OSError(errno.EMFILE, "Too many open files")
+    scandir, count = os.scandir, itertools.count()
+
+    def second_refused(folder):  # the output can be listed, its unmoved part cannot
+        if next(count) == 1:
+            raise OSError(errno.EMFILE, "Too many open files")
+        return scandir(folder)
 
     with monkeypatch.context() as patched:
-        scandir = os.scandir
-        # only the first folder, the output itself, can be listed
-        patched.setattr(os, "scandir", lambda path: patched.setattr(os, "scandir", refused) or scandir(path))
+        patched.setattr(os, "scandir", second_refused)
         remove_unfinished(half_filled)
     assert is_unfinished(half_filled)
     remove_unfinished(half_filled)

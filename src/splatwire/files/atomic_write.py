@@ -29,6 +29,8 @@ _WORKSPACE = re.compile(r"\.splatwire-[0-9a-f]{12}\.part")
 _NEW, _OLD, _MOVING = "new", "old", "moving"
 """Folders of a workspace: unfinished output, replaced output, and complete output while it is moved into a folder."""
 _UNFINISHED = re.compile(rf"{_WORKSPACE.pattern}[/\\](?:{_NEW}|{_MOVING})[/\\]")
+_NO_OUTPUT = (errno.ENOTDIR, errno.ELOOP, errno.EPERM)
+"""Errors of opening an unmoved output that is a file, a link or another user's: no writer leaves such."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -85,7 +87,8 @@ def _atomic_output(
             yield new
             if is_empty and not new.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
-            if merge is not None and goal.is_dir() and any(entry != space for entry in goal.iterdir()):
+            is_filled = goal.is_dir() and any(entry != space for entry in goal.iterdir())
+            if merge is not None and goal.is_dir() and (is_filled or not is_empty):
                 merge(new, goal)
             elif keeps:
                 _move_into(space, goal)
@@ -336,14 +339,12 @@ def _finish_moving(space: int, parent: int) -> bool:
     try:
         with _opened_folder(_MOVING, space) as moving:
             for folder in os.listdir(moving):
-                with _opened_folder(folder, moving) as rest:
-                    for entry in list(os.scandir(rest)):  # a list, because entries are moved away
-                        # outputs have neither hidden files nor links, unlike imitations in untrusted archives
-                        if not (entry.name.startswith(".") or entry.is_symlink() or _exists(entry.name, parent)):
-                            try:
-                                os.rename(entry.name, entry.name, src_dir_fd=rest, dst_dir_fd=parent)
-                            except OSError:
-                                has_moved_all = False
+                try:
+                    with _opened_folder(folder, moving) as rest:
+                        has_moved_all &= _move_entries(rest, parent)
+                except OSError as error:
+                    if error.errno not in _NO_OUTPUT:
+                        raise
     except OSError:
         return False
     return has_moved_all
@@ -356,6 +357,19 @@ def _exists(name: str, parent: int) -> bool:
     except FileNotFoundError:
         return False
     return True
+
+
+def _move_entries(rest: int, parent: int) -> bool:
+    """Moves the entries of an open folder into another one; returns False if one could not be moved."""
+    has_moved_all = True
+    for entry in list(os.scandir(rest)):  # a list, because entries are moved away
+        # outputs have neither hidden files nor links, unlike imitations in untrusted archives
+        if not (entry.name.startswith(".") or entry.is_symlink() or _exists(entry.name, parent)):
+            try:
+                os.rename(entry.name, entry.name, src_dir_fd=rest, dst_dir_fd=parent)
+            except OSError:
+                has_moved_all = False
+    return has_moved_all
 
 
 @contextmanager

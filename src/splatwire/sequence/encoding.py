@@ -313,7 +313,8 @@ class SequenceEncoder:
         rendering. All other tracks get a default class. Nothing is rendered if this encoder continues another one
         (`new_period`) and knows the classes of most tracks of its first group.
 
-        In the first group of a sequence, this function also estimates the up axis and adds it to the side information.
+        In the first group of a sequence, this function also adds the up axis to the side information, if
+        the options name it or the frames do not state it.
 
         Args:
             group: Tracks of the group.

@@ -133,7 +133,7 @@ def code_axis(
     """
     # Two coordinates are coded, from which the third follows (octahedral mapping).
     # The axis is scaled so that the magnitudes of its coordinates add up to `UNIT`. The coordinate in which the mean
-    # axis is largest is left out. In streams of version 2, sum and difference of the other two are coded.
+    # axis is largest is left out. With side information of version 2, sum and difference of the other two are coded.
     deviation, same = predict_axis(neighbours, num_neighbours, primary, predicted_axis)
     deviation_context, pole = deviation_context_of(same, deviation, shift), largest_of(predicted_axis)
     if predicted_axis[pole] < 0:

@@ -19,8 +19,8 @@ from splatwire.entropy.range_kernels import ONE, ZERO
 from splatwire.ops.compiled import njit
 
 MAGNITUDE_BOUNDS = np.array([0, 2, 6, 13, 24, 42, 74, 135], dtype=np.int64)
-"""Lower bound of each context of a harmonic, in sixteenths of a quantisation step. It depends on a decaying sum
-of the preceding harmonics' magnitudes, which keeps 13/16 with each harmonic.
+"""Lower bound of each context of a harmonic, in sixteenths of a quantisation step. The context depends
+on a decaying sum of the preceding harmonics' magnitudes, which keeps 13/16 with each harmonic.
 """
 MAGNITUDE_CONTEXTS = np.searchsorted(MAGNITUDE_BOUNDS, np.arange(MAGNITUDE_BOUNDS[-1] + 1), side="right") - 1
 """Context of a harmonic for each value of the decaying sum up to the last lower bound, int64."""

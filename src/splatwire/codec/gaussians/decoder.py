@@ -194,7 +194,7 @@ def decode_packets(
         Two arrays with a row for each Gaussian, packet by packet. The first has the decoded integers of all attributes
         except harmonics, int64 (n, columns). The second has those of the spherical harmonics, int32 (n, harmonics).
     """
-    assert max(counts, default=0) <= MAX_BLOCK_SIZE, "the entropy coder divides at most 2**16 Gaussians in two"
+    assert max(counts, default=0) <= MAX_BLOCK_SIZE, "a packet has fewer than 2**16 Gaussians"
     data = np.frombuffer(b"".join(payloads), dtype=np.uint8).copy()
     byte_starts = np.concatenate([[0], np.cumsum([len(payload) for payload in payloads])]).astype(np.int64)
     gaussian_starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -262,7 +262,7 @@ def _estimate_lost(info: SideInfo, block: int, received_positions: np.ndarray, n
     """Estimates the decoded integers of a block's lost Gaussians.
 
     Positions are copied from received Gaussians of the block. If no Gaussian was received, positions are spread over
-    the bounding box of the block. Other attributes are the block's means.
+    the bounding box of the block. Scales and colour are the block's means.
 
     Args:
         info: Side information of the stream, with mean attributes of each block.

@@ -223,8 +223,9 @@ class UnitRunner:
             if unit.stream.elements == PICTURES:
                 return ReceivedInput(None, None, 0, sum(unit.stream.parts.values()), 0.0)
             if sent is None:
-                scene = self.store.files.loaded_scene(self.store.root / unit.stream.path)
-                return ReceivedInput(scene.loaded, scene.loss_mask, 0, sum(unit.stream.parts.values()), 0.0)
+                loaded_scene = self.store.files.loaded_scene(self.store.root / unit.stream.path)
+                num_bytes = sum(unit.stream.parts.values())
+                return ReceivedInput(loaded_scene.loaded, loaded_scene.loss_mask, 0, num_bytes, 0.0)
             started = time.perf_counter()
             received = self.decode(sent)
             seconds = time.perf_counter() - started

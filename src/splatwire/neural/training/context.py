@@ -1,4 +1,4 @@
-"""Types that the context models share in training."""
+"""Types and functions that the context models share in training."""
 
 from dataclasses import dataclass
 

@@ -116,7 +116,7 @@ class Kernels:
     Attributes:
         draw: Renders a view.
         interpolate_signs: Interpolates the binary hash grid (`splatwire.neural.training.grid.interpolate_signs`).
-        prepare_photo: Precomputes the terms of the loss that depend only on the photo (see `photometric_loss`).
+        prepare_photo: Precomputes the terms of the loss that depend only on the photo (module `photometric_loss`).
         photometric_loss: Compares a rendered picture with a photo (`neural.training.photometric_loss`).
         adam_update: Updates parameters with Adam (`splatwire.neural.training.adam.adam_update`).
         random: Functions that draw random numbers.

@@ -86,8 +86,8 @@ class ParityRange(NamedTuple):
     Attributes:
         num_packets: Number of packets of the range.
         groups: Number of interleaved parity groups; 0 without parity.
-        repair: Number of repair symbols per parity group. 0 if the packets have expired: the numbers of their parity
-            groups stay taken.
+        repair: Number of repair symbols per parity group. 0 without parity, and for earlier groups of a live
+            stream, whose symbols are dropped: the numbers of their parity groups stay taken.
     """
 
     num_packets: int

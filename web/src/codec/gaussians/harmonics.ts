@@ -3,7 +3,7 @@
 import type { RangeDecoder } from "../../entropy/decoder.ts";
 import { FIRST_HARMONIC, FIRST_MAGNITUDE, MAX_HARMONIC, MAX_RESIDUAL } from "./layout.ts";
 
-/** Lower bounds of the moving average of magnitudes, in sixteenths, from context 1 on. */
+/** Lower bounds of the decaying sum of magnitudes, in sixteenths, from context 1 on. */
 const MAGNITUDE_BOUNDS = Int32Array.of(2, 6, 13, 24, 42, 74, 135);
 
 export function decodeHarmonics(
@@ -17,14 +17,14 @@ export function decodeHarmonics(
 ): void {
   if (!coder.bit(models, FIRST_HARMONIC + Math.min(precisionClass & 7, 7))) return;
   const step = 2 ** shift;
-  let meanMagnitude = 0;
+  let magnitudeSum = 0;
   for (let j = 0; j < count; j++) {
     const group = j < 3 ? 0 : j < 9 ? 1 : j < 21 ? 2 : 3;
     let context = 0;
-    while (context < 7 && meanMagnitude >= MAGNITUDE_BOUNDS[context]) context++;
+    while (context < 7 && magnitudeSum >= MAGNITUDE_BOUNDS[context]) context++;
     const value = coefficient(coder, models, FIRST_HARMONIC + 8 + (context * 4 + group) * 2 + (j % 3 ? 1 : 0), context);
     values[first + j] = Math.min(Math.max(value * step, -MAX_HARMONIC), MAX_HARMONIC);
-    meanMagnitude = ((meanMagnitude * 13) >> 4) + Math.min(Math.abs(value), 65536) * 16;
+    magnitudeSum = ((magnitudeSum * 13) >> 4) + Math.min(Math.abs(value), 65536) * 16;
   }
 }
 

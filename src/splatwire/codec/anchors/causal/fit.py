@@ -108,7 +108,7 @@ def _evaluate_networks(
 def _tolerance(name: str, outputs: np.ndarray, coding: CausalCoding) -> np.ndarray:
     """Returns the tolerated error of each output of a network, caused by quantisation of the network's weights.
 
-    The errors are those for a `network_tolerance` of 1, by which the caller multiplies them.
+    The caller multiplies them by `network_tolerance`.
 
     Args:
         name: Name of the network.

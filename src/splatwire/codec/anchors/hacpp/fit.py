@@ -80,8 +80,8 @@ def typical_spread(scale: np.ndarray, step: float) -> np.ndarray:
 def _prior_tolerance(outputs: np.ndarray, columns: PriorColumns, config: HacppConfig) -> np.ndarray:
     """Returns the tolerated error of each output of the prior network, caused by quantisation of the weights.
 
-    Errors of these sizes cost about the same number of bits in every output. Only the ratios of the errors matter,
-    because the caller multiplies all of them by one factor.
+    Errors of these sizes cost about the same number of bits in every output. The caller
+    multiplies them by `network_tolerance`.
 
     Args:
         outputs: Outputs of the prior network for a sample of anchors.
