@@ -74,6 +74,37 @@ def test_unclear_antialiasing_of_a_training_gives_a_warning(model, caplog):
     assert "argument 'kernel_size: 0.1' is not understood: the scene is drawn without antialiasing" in caplog.text
 
 
+PROTOCOL = """
+[protocol]
+name = "one"
+title = "One row"
+seeds = [0]
+metrics = ["psnr"]
+
+[[scene]]
+name = "absent"
+stream = "absent.swz"
+cameras = "absent.json"
+
+[[loss]]
+model = "bernoulli:0.3"
+
+[[row]]
+key = "complete"
+label = "no loss"
+lossless = true
+"""
+
+
+@pytest.mark.slow
+def test_study_reads_the_gaussians_of_a_model_folder(model, run, tmp_path):
+    (tmp_path / "one.toml").write_text(PROTOCOL)
+    words = ("study", tmp_path / "one.toml", "-o", tmp_path / "out", "--scene", model)
+    done = run(*words, "--cameras", model / "cameras.json", "--workers", "1", "--json")
+    assert done.status == 0, done.err
+    assert done.json["num_computed"] == 1
+
+
 @pytest.mark.needs_torch
 @pytest.mark.parametrize("kind", ["hacpp", "scaffold"])
 def test_neural_importers_name_the_kind_of_the_folder(run, model, tmp_path, kind):

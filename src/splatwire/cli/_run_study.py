@@ -24,6 +24,7 @@ from splatwire.evaluation.study import (
     write_size_outputs,
 )
 from splatwire.evaluation.study.slurm_options import SlurmOptions
+from splatwire.files.kinds import MODEL_3DGS, file_kind
 from splatwire.files.names import real_path
 
 BUNDLED = "bundled"
@@ -89,9 +90,10 @@ def _replaced_scene(command: StudyCommand) -> SceneEntry | None:
     for path in (source, command.photos, cameras, command.weights):
         if path is not None and not path.exists():
             raise InvalidValueError(f"{path} does not exist")
-    kind = "model" if (source / "point_cloud").is_dir() else "stream" if is_stream(source) else "scene"
+    has_networks = (source / "point_cloud").is_dir() and file_kind(source) is not MODEL_3DGS
+    kind = "model" if has_networks else "stream" if is_stream(source) else "scene"
     return SceneEntry(
-        name=source.name if kind == "model" else source.stem,
+        name=source.name if source.is_dir() else source.stem,
         source=real_path(source),
         kind=kind,
         photos=command.photos,

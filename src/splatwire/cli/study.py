@@ -18,7 +18,7 @@ class StudyCommand:
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for records, tables and the report; finished work is in its folder store."""
     scene: str | None = None
-    """Stream, scene file or HAC++ folder, or the word bundled, instead of the protocol's scenes."""
+    """Stream, scene file or model folder, or the word bundled, instead of the protocol's scenes."""
     photos: Path | None = None
     """Dataset folder of --scene. Default: --cameras, with renders of the scene as references."""
     cameras: Path | None = None
