@@ -556,6 +556,17 @@ def test_antialiasing_in_extras_is_read_under_each_name(
     assert f"field '{name}: sometimes' is not understood" in caplog.text
 
 
+def test_unclear_antialiasing_of_many_primitives_gives_few_warnings(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    document, binary = document_of(glb(some_splats(20, 0)))
+    first = document["meshes"][0]["primitives"][0]
+    document["meshes"][0]["primitives"] = [{**first, "extras": {"antialiased": f"maybe {n}"}} for n in range(50)]
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary))
+    assert not is_antialiased(tmp_path / "a.glb")
+    assert 0 < caplog.text.count("is not understood") < 10
+
+
 def test_primitives_that_disagree_about_antialiasing_give_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

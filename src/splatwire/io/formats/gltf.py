@@ -46,6 +46,8 @@ _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _MAX_JSON_BYTES = 4 << 20
 _MAX_CHUNKS = 1 << 10
 """Largest number of chunks of a binary file; two have a meaning."""
+_MAX_WARNED = 4
+"""Maximum number of primitives whose unclear fields are logged."""
 _MAX_STRIDE = 252
 """Largest distance between rows, bytes (glTF 2.0, section 3.6.2.4)."""
 _READ_BYTES = 1 << 20
@@ -213,7 +215,7 @@ class _Gltf:
             for index, primitives in primitives_by_mesh.items()
             for primitive in primitives
         }
-        for fields in sorted(stated_fields):
+        for fields in sorted(stated_fields)[:_MAX_WARNED]:
             warn_of_unclear_antialiasing(self._path, fields, "field")
         answers = {states_antialiasing(fields) for fields in stated_fields}
         if len(answers) > 1:
