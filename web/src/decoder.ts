@@ -5,7 +5,7 @@ import type { StreamDecoder, Viewpoint } from "./codec/decoder.ts";
 import type { ElementDecoder } from "./codec/element_decoder.ts";
 import type { Tiling } from "./codec/levels/tiling.ts";
 import type { Splats } from "./codec/splats.ts";
-import type { Camera } from "./model/camera.ts";
+import { ANY_CAMERA, type Camera, checkCamera } from "./model/camera.ts";
 import { ContainerReader, type Head } from "./packets/container.ts";
 import { nextTask, type Pause, periodicPause } from "./scheduler.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
@@ -52,8 +52,11 @@ export interface Options {
    * returned unchanged. In streams with levels, coarser Gaussians always replace lost finer ones.
    */
   readonly concealer?: string;
-  /** Camera for neural anchors: their Gaussians depend on the view. Explicit Gaussians need none. */
-  readonly camera?: Camera;
+  /**
+   * Camera for neural anchors: their Gaussians depend on the view. Explicit Gaussians need none. `margin` is 0 by
+   * default.
+   */
+  readonly camera?: Omit<Camera, "margin"> & { readonly margin?: number };
   /** Frame of a clip, from 0. Required for clips, an error for other streams. */
   readonly frame?: number;
 }
@@ -355,6 +358,7 @@ function checkOptions({ decoder: { elementDecoder } }: DecodedStream, { conceale
     throw new RangeError(`the option \`frame\` is ${frame}, but the stream is not a clip`);
   if (viewDependent && !tiling && !camera)
     throw new Error("the stream has neural anchors, whose Gaussians depend on the view: pass a `camera`");
+  if (viewDependent && camera) checkCamera(camera);
 }
 
 /** Returns all received Gaussians, concealed if a concealer is chosen. */
@@ -393,7 +397,7 @@ function frameOf({ decoder }: DecodedStream, { frame, concealer = "drop" }: Opti
 }
 
 /** Camera of the options. The default camera is for explicit Gaussians, which do not depend on the view. */
-const cameraOf = ({ camera }: Options): Camera => camera ?? { viewmat: [], focal: 1, width: 1, height: 1, margin: 0 };
+const cameraOf = ({ camera }: Options): Camera => (camera ? { margin: 0, ...camera } : ANY_CAMERA);
 
 const updateOf = (received: DecodedStream, gaussians: Gaussians, replaces: boolean): ReceivedUpdate => ({
   ...progressOf(received),

@@ -110,6 +110,31 @@ test("anchors without a camera are refused with an error that requests one", asy
   await assert.rejects(received(anchors, {}), /neural anchors.*pass a `camera`/);
 });
 
+test("an invalid camera is refused with what it needs, and the margin may be absent", async () => {
+  const viewmat = [
+      [1, 0, 0, 0],
+      [0, 1, 0, 0],
+      [0, 0, 1, 3],
+    ],
+    camera = { viewmat, focal: 60, width: 64, height: 48 };
+  const { gaussians } = await decode(anchors, { camera });
+  assert.ok(gaussians.count > 0);
+  assert.equal((await decode(anchors, { camera: { ...camera, margin: 0 } })).gaussians.count, gaussians.count);
+  const wrong = [
+    {},
+    { ...camera, viewmat: null },
+    { ...camera, viewmat: Array.from({ length: 16 }, () => 1) },
+    { ...camera, viewmat: [[NaN, 0, 0, 0], viewmat[1], viewmat[2]] },
+    { ...camera, width: 0 },
+    { viewmat, width: 64, height: 48 },
+  ];
+  for (const one of wrong) {
+    const options = { camera: one } as unknown as { camera: typeof camera };
+    await assert.rejects(decode(anchors, options), { name: "TypeError", message: /of a camera (is|are)/ });
+    await assert.rejects(received(anchors, options), { name: "TypeError", message: /of a camera (is|are)/ });
+  }
+});
+
 test("a truncated or foreign file throws BitstreamError", async () => {
   for (const file of [levels.subarray(0, 40), new Uint8Array(50)]) {
     const error = await decode(file).catch((error: unknown) => error);

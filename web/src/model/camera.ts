@@ -31,3 +31,21 @@ export interface FixedCamera {
   /** Picture width, pixels. The default follows the element's aspect ratio. */
   readonly width?: number;
 }
+
+/**
+ * Throws `TypeError` for a camera whose matrix is no list of rows, such as the 16 numbers of three.js, or without the
+ * other numbers.
+ */
+export function checkCamera(camera: FixedCamera & { readonly margin?: number | undefined }): void {
+  const { viewmat, focal, height, width = 1, margin = 0 } = camera ?? {},
+    rows = Array.from((viewmat as unknown as ArrayLike<ArrayLike<number>> | undefined) ?? []);
+  if (
+    ![3, 4].includes(rows.length) ||
+    !rows.every((row) => row?.length === 4 && Array.from(row).every(Number.isFinite))
+  )
+    throw new TypeError(
+      "the `viewmat` of a camera is three or four rows of four numbers, from the world to the camera",
+    );
+  if (![focal, height, width].every((size) => Number.isFinite(size) && size > 0) || !(margin >= 0))
+    throw new TypeError("`focal`, `width` and `height` of a camera are positive numbers of pixels");
+}

@@ -1,7 +1,7 @@
 // Element <splat-wire src="https://host/streams/scene.swz">, which receives and draws a stream. `controller.ts`
 // implements it.
 
-import type { FixedCamera } from "../model/camera.ts";
+import { checkCamera, type FixedCamera } from "../model/camera.ts";
 import type { WebGLRenderer } from "../render/webgl_renderer.ts";
 import { applyStyles } from "./apply_styles.ts";
 import { Base } from "./base.ts";
@@ -258,6 +258,7 @@ export class SplatWire extends Base {
    * element is removed.
    */
   async picture(camera: FixedCamera): Promise<string> {
+    checkCamera(camera);
     return this.#running.picture(camera);
   }
 
