@@ -53,7 +53,7 @@ SECTION_NAMES = {
 }  # fmt: skip
 WIRE_NAMES = {
     wire: (
-        "VERSION", "REQUEST", "WELCOME", "INIT_SYMBOL", "DATA", "FEEDBACK", "BYE", "REFUSE", "END", "HAVE",
+        "VERSION", "REQUEST", "WELCOME", "INIT_SYMBOL", "DATA", "PARITY", "FEEDBACK", "BYE", "REFUSE", "END", "HAVE",
         "VIEW_UPDATE", "LIVE", "VIEW_DEPENDENT", "MAX_DATAGRAM",
     ),
     messages: (

@@ -14,6 +14,7 @@ import {
   MAX_NACK_ATTEMPTS,
   NACK_INTERVAL_MS,
   NOT_YET,
+  PARITY,
   REFUSE,
   REORDER_THRESHOLD,
   VERSION,
@@ -134,6 +135,20 @@ test("a report lists missing packets behind the latest one, each at limited inte
   assert.equal(lost(transfer.feedback(10)), 100 + 1 - REORDER_THRESHOLD);
   assert.equal(lost(transfer.feedback(9 + NACK_INTERVAL_MS)), 0);
   assert.equal(lost(transfer.feedback(10 + NACK_INTERVAL_MS)), 100 + 1 - REORDER_THRESHOLD);
+});
+
+test("parity, which browsers do not use, counts as received and not as lost", () => {
+  const transfer = new Transfer("", 7n, 0),
+    parity = new Uint8Array(40);
+  parity[0] = (VERSION << 4) | PARITY;
+  transfer.receive(welcome(), 0);
+  for (let sequence = 0; sequence < 3; sequence++) {
+    dataView(parity).setUint32(5, sequence, true);
+    transfer.receive(sealed(parity.slice()), 5);
+  }
+  assert.deepEqual([transfer.datagramsLost, transfer.counts.rejected, transfer.counts.packets], [0, 0, 0]);
+  const report = dataView(transfer.feedback(10));
+  assert.deepEqual([report.getUint32(5, true), report.getUint32(9, true)], [2, 3]);
 });
 
 test("many end messages at once after an outage do not end a transfer", () => {

@@ -21,6 +21,7 @@ import {
   NACK_INTERVAL_MS,
   NOT_YET,
   OTHER_VERSION,
+  PARITY,
   REFUSALS,
   REFUSE,
   REORDER_THRESHOLD,
@@ -185,7 +186,11 @@ export class Transfer {
     if (kind === REFUSE && bytes[9] === NOT_YET) return void (this.waitUntil = now + NOT_YET_MS);
     if (kind === REFUSE && !this.welcome) return void (this.finished = REFUSALS[bytes[9]] || "the server refused");
     const isValid =
-      kind === INIT_SYMBOL ? bytes.length > 19 : kind === DATA ? bytes.length > 13 : kind === END && bytes.length > 9;
+      kind === INIT_SYMBOL || kind === PARITY
+        ? bytes.length > 19
+        : kind === DATA
+          ? bytes.length > 13
+          : kind === END && bytes.length > 9;
     if (!this.welcome && isValid && this.#earlyDatagrams.length < MAX_EARLY_DATAGRAMS)
       return void this.#earlyDatagrams.push(bytes);
     if (!this.welcome || !isValid || dataView(bytes).getUint32(1, true) !== this.welcome.session)
@@ -202,7 +207,8 @@ export class Transfer {
         this.#fruitlessEnds++;
         this.#endCountedAt = now;
       }
-    } else {
+    } else if (kind === DATA) {
+      // parity is only counted: browsers do not decode it
       this.#fruitlessEnds = 0;
       if (this.hasSentView) this.ended = false;
       const packetIndex = dataView(bytes).getUint32(9, true);

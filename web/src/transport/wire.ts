@@ -7,6 +7,7 @@ export const REQUEST = 3;
 export const WELCOME = 4;
 export const INIT_SYMBOL = 5;
 export const DATA = 6;
+export const PARITY = 7;
 export const FEEDBACK = 8;
 export const BYE = 9;
 export const REFUSE = 10;
