@@ -393,7 +393,8 @@ def test_clips_and_levels_are_loaded_moved_and_removed(kind: str, stream: SceneS
         host.deliver = lambda request, body: len(body) * 6 // 10 if len(host.asked) == begun + 1 else None
         host.cut.set()
         made(page, "other.swz")
-        assert page.wait_for("events.find(([kind]) => kind === 'lost')")[1]["retryMs"] > 0
+        if kind == "clip":  # the rest of a range of levels is requested at once
+            assert page.wait_for("events.find(([kind]) => kind === 'lost')")[1]["retryMs"] > 0
         assert page.wait_for(LOADED)[1] == whole
         assert page.resolve(f"{ELEMENT}.verify()") is True
         page.evaluate(f"{ELEMENT}.src = 'ball.swz'; events.length = 0")  # a still scene replaces it

@@ -238,7 +238,7 @@ def test_streams_and_scenes_that_have_no_updates_are_refused() -> None:
     with pytest.raises(InvalidValueError, match="importance tiers cannot be updated"):
         encode_update(tiered, splats)
     update = encode_update(base, moved(splats))
-    with pytest.raises(InvalidValueError, match="not for codec 'update'"):
+    with pytest.raises(InvalidValueError, match="not for schema 'update'"):
         encode_update(update, splats)
     with pytest.raises(InvalidValueError, match="of degree 2, its stream those of degree 1"):
         encode_update(base, some_splats(degree=2))

@@ -160,6 +160,15 @@ def test_uniformly_transparent_scene_is_kept_until_half_of_the_growth(state: Tra
         adjust_anchors(state, _rules(config))
 
 
+def test_uniformly_transparent_scene_is_kept_while_no_anchor_may_be_removed(
+    state: TrainState, config: TrainConfig
+) -> None:
+    """A short training is in its second half before anchors have taken shape."""
+    _seen(state, config, gradient=0.0, opacity=0.0)
+    state.iteration = config.milestones.growth_end // 2 + 1
+    assert adjust_anchors(state, _rules(config, first_pruning=state.iteration + 1)) == (0, 0)
+
+
 def test_few_opaque_anchors_enable_pruning(state: TrainState, config: TrainConfig) -> None:
     _seen(state, config, gradient=0.0, opacity=0.0)
     bright = max(1, state.num_anchors // 50)  # 2 %

@@ -78,8 +78,8 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
         The numbers of added and of removed anchors.
 
     Raises:
-        DivergedError: If nearly all anchors are transparent after the first half of the growth phase, because such a
-            scene cannot recover.
+        DivergedError: If nearly all anchors are transparent after the first half of the growth phase and when anchors
+            may be removed, because such a scene cannot recover.
     """
     statistics, rules = state.statistics, config.growth
     min_views = config.milestones.growth_interval * rules.min_views_factor
@@ -94,10 +94,12 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     visited = statistics.visits > min_views
     transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
     mostly_transparent = int(transparent.sum()) > _MAX_TRANSPARENT_SHARE * int(visited.sum())
-    if mostly_transparent and 2 * state.iteration > config.milestones.growth_end:
+    # In the first iterations, however short the training, transparent anchors may still take shape.
+    is_early = state.iteration < rules.first_pruning
+    if mostly_transparent and not is_early and 2 * state.iteration > config.milestones.growth_end:
         raise DivergedError(state.iteration, "every anchor has become transparent")
     keep = ~transparent
-    if mostly_transparent or state.iteration < rules.first_pruning:
+    if mostly_transparent or is_early:
         keep[:] = True
     statistics.opacity_sum[visited] = 0
     statistics.visits[visited] = 0
