@@ -147,7 +147,7 @@ def attribute_bits(scene: AnchorScene, stream: SceneStream) -> dict[str, float]:
     info = read_side_info(stream.side_info, stream.manifest.num_elements)
     context, layout, anchors, known = CodingContext.of(info), info.config.layout, scene.anchors, info.positions.known
     voxels = voxel_indices(anchors.positions, info.voxel_size)
-    positions = replace(known, codes=morton_encode(voxels - known.origin))
+    positions = replace(known, codes=morton_encode(voxels - known.corner))
     steps = scene.causal.steps.astype(np.float64)
     logs = anchors.scalings.astype(np.float64)[:, [0, 3, 4, 5]]
     steps_of_logs = steps[len(layout.feature_groups) :][[0, 1, 1, 1]]

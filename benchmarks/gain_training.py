@@ -9,23 +9,23 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from splatwire.anchors.appearance import Scene, spawned_gaussians
+from splatwire.anchors.appearance import spawned_gaussians
 from splatwire.bitstream import Packet, PacketMembers, SceneStream
 from splatwire.calibration.checks import check_settings
 from splatwire.calibration.pseudo_loss import CalibrationData, pseudo_loss
 from splatwire.codec import decode_stream
 from splatwire.codec.tiers import assign_stream_packets
-from splatwire.concealment.scene_free import GainNetwork
+from splatwire.concealment.scene_free import AnchorNetwork
 from splatwire.concealment.scene_free.elements import (
     BASE,
     OPACITIES,
     POWERS,
     SIZES,
-    ElementInputs,
-    ElementNetwork,
-    element_inputs,
+    GaussianInputs,
+    GaussianNetwork,
+    gaussian_inputs,
 )
-from splatwire.concealment.scene_free.network import HIDDEN, MAX_CHANGE, MAX_STANDARDISED, GainInputs, gain_inputs
+from splatwire.concealment.scene_free.network import HIDDEN, MAX_CHANGE, MAX_STANDARDISED, AnchorInputs, anchor_inputs
 from splatwire.concealment.scene_free.surroundings import surroundings_of
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.neural.model.gaussian_heads import SpawnedGaussians
@@ -34,9 +34,10 @@ from splatwire.neural.render.differentiable import render_differentiable
 from splatwire.neural.training.schedule import half_cosine
 from splatwire.ops.arrays import to_arrays
 from splatwire.types import Cameras, Gaussians, ReceivedScene, SplatScene
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
-Network = TypeVar("Network", GainNetwork, ElementNetwork)
+Network = TypeVar("Network", AnchorNetwork, GaussianNetwork)
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def train_scene_free(
     config: SceneFreeConfig,
     *,
     progress: Callable[[int, float], None] | None = None,
-) -> GainNetwork:
+) -> AnchorNetwork:
     """Trains a network by the error of lossy, concealed pictures against lossless ones.
 
     The loss of a picture is `log(mean squared error + floor)`: each decibel weighs the same in every scene and view.
@@ -89,7 +90,7 @@ def train_scene_free(
     """
     seeds = np.random.SeedSequence(config.seed).spawn(len(scenes))
     examples = [_lessons(scene, config, seed) for scene, seed in zip(scenes, seeds, strict=True)]
-    return train_on(examples, GainNetwork.untrained(config.hidden, seed=config.seed), config, progress)
+    return train_on(examples, AnchorNetwork.untrained(config.hidden, seed=config.seed), config, progress)
 
 
 def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> "TrainingExamples":
@@ -97,7 +98,7 @@ def _lessons(data: CalibrationData, config: SceneFreeConfig, seeds: np.random.Se
         raise InvalidValueError("a concealer cannot be trained on a scene without cameras")
     around = surroundings_of(data.complete, np.arange(data.scene.anchors.num_anchors))
     inputs = [
-        gain_inputs(data.complete.masked(known), around.select(known))
+        anchor_inputs(data.complete.masked(known), around.select(known))
         for known in data.pseudo_losses(config.drop_rates, seeds)
     ]
     return TrainingExamples(data.scene, data.cameras, inputs)
@@ -141,7 +142,7 @@ def train_on(
 
 
 def tensor_gains(
-    network: GainNetwork | ElementNetwork, inputs: GainInputs | ElementInputs
+    network: AnchorNetwork | GaussianNetwork, inputs: AnchorInputs | GaussianInputs
 ) -> tuple[Float[Tensor, "M"], Float[Tensor, "M"]]:
     """Gains of size and opacity that a network of tensors computes, differentiable in its weights.
 
@@ -151,7 +152,7 @@ def tensor_gains(
     x = ((signature - network.mean) / network.spread).clamp(-MAX_STANDARDISED, MAX_STANDARDISED)
     hidden = torch.nn.functional.silu(torch.nn.functional.linear(x, network.hidden.weight, network.hidden.bias))
     change = torch.nn.functional.linear(hidden, network.output.weight, network.output.bias)
-    if isinstance(inputs, GainInputs):
+    if isinstance(inputs, AnchorInputs):
         change = change.clamp(-MAX_CHANGE, MAX_CHANGE)
         return torch.from_numpy(inputs.grown) * change[:, 0].exp(), change[:, 1].exp()
     lost = torch.from_numpy(inputs.lost)
@@ -171,12 +172,14 @@ class TrainingExamples:
         inputs: Inputs of the network for each loss.
     """
 
-    def __init__(self, scene: Scene, cameras: Cameras, inputs: Sequence[GainInputs] | Sequence[ElementInputs]) -> None:
+    def __init__(
+        self, scene: Scene, cameras: Cameras, inputs: Sequence[AnchorInputs] | Sequence[GaussianInputs]
+    ) -> None:
         self._scene, self._cameras, self.inputs = scene, cameras, inputs
         self._views: dict[int, tuple[SpawnedGaussians, Tensor]] = {}
         self._order: list[tuple[int, int]] = []
 
-    def error(self, network: GainNetwork | ElementNetwork, rng: torch.Generator) -> Float[Tensor, ""]:
+    def error(self, network: AnchorNetwork | GaussianNetwork, rng: torch.Generator) -> Float[Tensor, ""]:
         """Mean squared error of the next picture; every loss is combined with every view before any repeats."""
         if not self._order:
             pairs = [(loss, view) for loss in range(len(self.inputs)) for view in range(self._cameras.num_views)]
@@ -225,7 +228,7 @@ def train_for_gaussians(
     config: SceneFreeConfig,
     *,
     progress: Callable[[int, float], None] | None = None,
-) -> ElementNetwork:
+) -> GaussianNetwork:
     """Trains a network by the error of lossy, concealed pictures against those of the complete streams.
 
     Complete packets are removed from the streams, and the rest is decoded, so lost Gaussians are where a receiver
@@ -242,7 +245,7 @@ def train_for_gaussians(
     """
     seeds = np.random.SeedSequence(config.seed).spawn(len(streams))
     examples = [_lossy_lessons(lossy, config, seed) for lossy, seed in zip(streams, seeds, strict=True)]
-    return train_on(examples, ElementNetwork.untrained(config.hidden, seed=config.seed), config, progress)
+    return train_on(examples, GaussianNetwork.untrained(config.hidden, seed=config.seed), config, progress)
 
 
 def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random.SeedSequence) -> TrainingExamples:
@@ -253,7 +256,7 @@ def _lossy_lessons(lossy: LossyStream, config: SceneFreeConfig, seeds: np.random
         known = pseudo_loss(members, complete.scene.num_elements, rate, seed)
         there = tuple(p for p, start in zip(packets, members.starts[:-1], strict=True) if known[members.indices[start]])
         received = _decoded(SceneStream(lossy.stream.manifest, lossy.stream.side_info, there))
-        inputs.append(element_inputs(received))
+        inputs.append(gaussian_inputs(received))
     return TrainingExamples(complete.scene, lossy.cameras, inputs)
 
 

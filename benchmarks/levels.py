@@ -21,7 +21,6 @@ from pathlib import Path
 import numpy as np
 from walks import joined, streamed_sog
 
-from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import SceneStream
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
@@ -36,6 +35,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_class_offsets
 from splatwire.types import RenderHints, SplatScene
 from splatwire.types.lod_scene import Levels
+from splatwire.types.scene import Scene
 
 VIEWS = 6
 SEEDS = (0, 1)

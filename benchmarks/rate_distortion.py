@@ -24,7 +24,6 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import PRESETS, SceneStream
 from splatwire.calibration.preview import preview_for_scene
 from splatwire.calibration.views import CalibrationViews
@@ -45,6 +44,7 @@ from splatwire.render.precision import scene_class_offsets
 from splatwire.transport.protocol.preview import stream_preview
 from splatwire.transport.protocol.protection import Protection
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 
 LOSSES = [f"bernoulli:{rate}" for rate in (0.01, 0.05, 0.1, 0.2, 0.3)] + [
     f"gilbert:{rate},20" for rate in (0.01, 0.05, 0.1, 0.2, 0.3)

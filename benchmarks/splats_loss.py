@@ -18,7 +18,6 @@ import numba
 import numpy as np
 from figures import publish
 
-from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import HEADER_BYTES, PRESETS, Packetization, SceneStream
 from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import SketchConfig
@@ -43,6 +42,7 @@ from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_class_offsets
 from splatwire.types import SplatScene
+from splatwire.types.scene import Scene
 
 CONFIG = SketchConfig(views=12, scored_views=4, num_losses=1, num_held_out_losses=1)
 WHOLE = Packetization(block_size=(1 << 16) - 1, lanes=1, grouping="contiguous")

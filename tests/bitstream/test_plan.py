@@ -50,7 +50,7 @@ def test_contiguous_runs_are_as_equal_as_possible():
 
 
 def test_separated_packaging_has_a_packet_for_each_file_of_hacpp():
-    plan = PacketPlan(Packetization(block_size=10, lanes=1, packaging="separated"), 11, feature_groups=2)
+    plan = PacketPlan(Packetization(block_size=10, lanes=1, packaging="separated"), 11, num_feature_groups=2)
     assert [i.filename for i in plan.ids] == [
         f"pak_lane0_s{block}_{part}.pak" for block in (0, 1) for part in ("scaling", "offset", "feature0", "feature1")
     ]
@@ -119,7 +119,7 @@ def test_plan_refuses_values_outside_the_format():
     with pytest.raises(InvalidValueError, match="feature groups"):
         PacketPlan(PRESETS["hacpp"], 10)
     with pytest.raises(InvalidValueError, match="feature groups"):
-        PacketPlan(Packetization(), 10, feature_groups=5)
+        PacketPlan(Packetization(), 10, num_feature_groups=5)
     with pytest.raises(InvalidValueError, match="block"):
         PacketPlan(Packetization(), 10).members(PacketId(1, 0))
 

@@ -15,10 +15,10 @@ from scenes import tiny_cameras, tiny_scene
 from splatwire.bitstream import Packetization
 from splatwire.calibration.pseudo_loss import calibration_data
 from splatwire.codec import decode_stream, encode_scene
-from splatwire.concealment.scene_free import ElementNetwork, GainNetwork, default_weights
-from splatwire.concealment.scene_free.elements import ElementInputs
-from splatwire.concealment.scene_free.network import GainInputs, Perceptron
-from splatwire.concealment.scene_free.weights import default_element_weights
+from splatwire.concealment.scene_free import AnchorNetwork, GaussianNetwork, default_anchor_weights
+from splatwire.concealment.scene_free.elements import GaussianInputs
+from splatwire.concealment.scene_free.network import AnchorInputs, Perceptron
+from splatwire.concealment.scene_free.weights import default_gaussian_weights
 from splatwire.errors import DivergedError, InvalidValueError
 from splatwire.neural.model.tensors import to_tensors
 from web.test_page import ball
@@ -50,12 +50,12 @@ def weights(network: Perceptron) -> np.ndarray:
 
 def test_torch_gains_equal_numpy_gains() -> None:
     rng = np.random.default_rng(4)
-    signature = rng.normal(size=(50, GainNetwork.INPUTS)).astype(np.float32)
-    known = GainInputs(np.arange(50), signature, rng.uniform(1, 2, 50).astype(np.float32))
-    signature = rng.normal(size=(50, ElementNetwork.INPUTS)).astype(np.float32)
+    signature = rng.normal(size=(50, AnchorNetwork.INPUTS)).astype(np.float32)
+    known = AnchorInputs(np.arange(50), signature, rng.uniform(1, 2, 50).astype(np.float32))
+    signature = rng.normal(size=(50, GaussianNetwork.INPUTS)).astype(np.float32)
     lost, opacity = rng.uniform(0, 2, (2, 50)).astype(np.float32)
-    elements = ElementInputs(np.arange(50), signature, lost, opacity / 2)
-    for network, inputs in ((default_weights(), known), (default_element_weights(), elements)):
+    elements = GaussianInputs(np.arange(50), signature, lost, opacity / 2)
+    for network, inputs in ((default_anchor_weights(), known), (default_gaussian_weights(), elements)):
         for ours, theirs in zip(MADE["tensor_gains"](to_tensors(network), inputs), network(inputs), strict=True):
             assert_close(ours, theirs, rtol=1e-4)
 

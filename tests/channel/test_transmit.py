@@ -18,7 +18,10 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 
 def build(num_elements: int = 2400, seed: int = 0, tiers: tuple[TierCounts, ...] = (), **packetization) -> SceneStream:
     p = Packetization(**{"block_size": 100, "lanes": 8, **packetization})
-    plan, rng = PacketPlan(p, num_elements, tiers, feature_groups=1 if p.separated else 0), np.random.default_rng(seed)
+    plan, rng = (
+        PacketPlan(p, num_elements, tiers, num_feature_groups=1 if p.separated else 0),
+        np.random.default_rng(seed),
+    )
     return make_stream(
         packetization=p,
         num_elements=num_elements,

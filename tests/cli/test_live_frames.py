@@ -20,10 +20,10 @@ from splatwire.errors import InvalidValueError
 from splatwire.io.formats import write_splats
 from splatwire.sequence import SequenceFrame, SequenceOptions, frame_sources
 from splatwire.sequence.frame_sources import POLL_INTERVAL_S, DropPolicy, FolderSource, PipeSource
+from splatwire.sequence.frame_writer import numbered
 from splatwire.sequence.live_decoder import LiveDecoder
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.sequence.live_ingest import NUM_FRAMES_TO_ADOPT, LiveIngest
-from splatwire.sequence.written_frames import numbered
 from splatwire.transport import fec
 from splatwire.transport.protocol.layout import SourceBlocks, split_init_segment
 from splatwire.types import SplatScene

@@ -18,7 +18,7 @@ from splatwire.cli.receive import Receive
 from splatwire.cli.serve import Serve
 from splatwire.io import open_scene
 from splatwire.io.formats import write_splats
-from splatwire.sequence import open_sequence, written_frames
+from splatwire.sequence import frame_writer, open_sequence
 
 pytestmark = pytest.mark.slow
 
@@ -108,7 +108,7 @@ def test_decode_writes_one_file_per_frame(run, clip, tmp_path, words, suffix):
 
 def test_a_full_disk_leaves_no_part_of_received_frames(clip, tmp_path, monkeypatch):
     stream, command = read_stream(clip)[0], Receive("udp://127.0.0.1/clip", str(tmp_path / "frames"), conceal="motion")
-    write = written_frames.write_splats
+    write = frame_writer.write_splats
 
     def full(parts, path, **facts):
         if path.stem == "frame_3":
@@ -116,7 +116,7 @@ def test_a_full_disk_leaves_no_part_of_received_frames(clip, tmp_path, monkeypat
         return write(parts, path, **facts)
 
     with monkeypatch.context() as patch:
-        patch.setattr(written_frames, "write_splats", full)
+        patch.setattr(frame_writer, "write_splats", full)
         with pytest.raises(OSError, match="No space left"):
             write_scene(command, stream, tmp_path / "frames", lambda task, share: None)
     assert not list(tmp_path.iterdir())
@@ -127,7 +127,7 @@ def test_a_full_disk_leaves_no_part_of_received_frames(clip, tmp_path, monkeypat
 @pytest.mark.parametrize(("most", "words"), [(20_000, ("--max-frames", FRAMES - 1)), (FRAMES - 1, ())])
 def test_decode_writes_very_many_frames_only_on_request(run, clip, tmp_path, monkeypatch, most, words):
     """A few bytes may announce 131,072 frames: the error states the number, and no file is written."""
-    monkeypatch.setattr("splatwire.sequence.written_frames.MAX_FILES", most)
+    monkeypatch.setattr("splatwire.sequence.frame_writer.MAX_FILES", most)
     outcome = run("decode", clip, "-o", tmp_path / "out", *words)
     assert outcome.status == 2
     assert f"has {FRAMES} frames, and no more than {FRAMES - 1} files are written: --max-frames" in outcome.err

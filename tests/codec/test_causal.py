@@ -43,7 +43,7 @@ def info(stream: SceneStream) -> SideInfo:
 def exact_places(scene: AnchorScene, info: SideInfo) -> AnchorPositions:
     voxels = voxel_indices(scene.anchors.positions, scene.coding.voxel_size)
     known = info.positions.known
-    return replace(known, codes=morton_encode(voxels - known.origin))
+    return replace(known, codes=morton_encode(voxels - known.corner))
 
 
 def test_decoded_values_are_within_half_a_step(scene: AnchorScene, stream: SceneStream):
@@ -206,7 +206,7 @@ def test_positions_split_between_side_information_and_packets_round_trip(info: S
     shared = encode_coarse_positions(voxels, leaf)
     context, codes = (
         replace(context, low_bit_probabilities=shared.low_bit_probabilities),
-        np.sort(morton_encode(voxels - shared.known.origin)),
+        np.sort(morton_encode(voxels - shared.known.corner)),
     )
     known = shared.known
     assert np.array_equal(known.codes >> known.num_low_bits, codes >> known.num_low_bits)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatwire.codec.geometry import ORIGIN_ALIGNMENT, anchor_order, decode_positions, encode_positions
+from splatwire.codec.geometry import CORNER_ALIGNMENT, anchor_order, decode_positions, encode_positions
 from splatwire.errors import BitstreamError, SplatwireError
 from splatwire.ops.morton import morton_decode, morton_encode
 
@@ -54,7 +54,7 @@ def test_anchors_on_a_coarse_grid_cost_fewer_bits() -> None:
 def test_origin_is_aligned() -> None:
     voxels = np.array([[5000, -3, 77], [5001, -2, 78]])
     assert decode_positions(encode_positions(voxels), 2, "morton").tolist() == voxels.tolist()
-    assert ORIGIN_ALIGNMENT % 16 == 0
+    assert CORNER_ALIGNMENT % 16 == 0
 
 
 def test_points_too_far_apart_are_refused() -> None:

@@ -188,7 +188,7 @@ def test_impossible_tiers_are_refused(scene: AnchorScene, tiers: np.ndarray):
     with pytest.raises(InvalidValueError, match="knows no tiers"):
         encode_scene(scene, PRESETS["hacpp"], tiers=tiers)
     with pytest.raises(InvalidValueError, match="knows no tiers"):
-        PacketPlan(PRESETS["hacpp"], 700, (TierCounts(100, 1), TierCounts(600, 1)), feature_groups=3)
+        PacketPlan(PRESETS["hacpp"], 700, (TierCounts(100, 1), TierCounts(600, 1)), num_feature_groups=3)
 
 
 def test_invisible_anchors_have_no_tier(scene: AnchorScene, tiers: np.ndarray):

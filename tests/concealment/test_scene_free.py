@@ -12,13 +12,13 @@ from concealment.gaps import changed, permuted, random_context
 from random_numbers import Numbers
 from splatwire.concealment import Drop, Grow, conceal
 from splatwire.concealment.scene_free import (
-    GainNetwork,
+    AnchorNetwork,
     SceneFree,
-    default_weights,
-    load_gain_network,
+    default_anchor_weights,
+    load_anchor_network,
     save_gain_network,
 )
-from splatwire.concealment.scene_free.network import GainInputs, gain_inputs
+from splatwire.concealment.scene_free.network import AnchorInputs, anchor_inputs
 from splatwire.concealment.scene_free.signature import SIGNATURE, signatures
 from splatwire.concealment.scene_free.surroundings import Surroundings, surroundings_of
 from splatwire.errors import BitstreamError, InvalidValueError, UnsupportedVersionError
@@ -46,8 +46,8 @@ def in_other_units(context: ReceivedScene, length: float, feature: float) -> Rec
     return changed(context, anchors=anchors, prior=prior)
 
 
-def random_network(seed: int = 3) -> GainNetwork:
-    network, rng = GainNetwork.untrained(8, seed=seed), np.random.default_rng(seed)
+def random_network(seed: int = 3) -> AnchorNetwork:
+    network, rng = AnchorNetwork.untrained(8, seed=seed), np.random.default_rng(seed)
     layers = [
         Linear(*(rng.normal(0, 0.3, part.shape).astype(np.float32) for part in (layer.weight, layer.bias)))
         for layer in (network.hidden, network.output)
@@ -66,13 +66,13 @@ def of_received(context: ReceivedScene) -> Surroundings:
     return surroundings_of(context, np.flatnonzero(context.loss_mask.fully_received))
 
 
-def inputs_of(context: ReceivedScene) -> GainInputs:
-    return gain_inputs(context, of_received(context))
+def inputs_of(context: ReceivedScene) -> AnchorInputs:
+    return anchor_inputs(context, of_received(context))
 
 
 def test_untrained_network_equals_grow() -> None:
     context = random_context(200, 1)
-    size, opacity = GainNetwork.untrained()(inputs_of(context))
+    size, opacity = AnchorNetwork.untrained()(inputs_of(context))
     assert_close(size, Grow()(context).size_gain[context.loss_mask.fully_received])
     assert bool((opacity == 1).all())
 
@@ -223,12 +223,12 @@ def test_signatures_are_finite_and_have_their_documented_size() -> None:
 def test_network_round_trips_through_its_file(any_weights: Path) -> None:
     context = random_context(60, 13)
     inputs = inputs_of(context)
-    for one, other in zip(random_network()(inputs), load_gain_network(any_weights)(inputs), strict=True):
+    for one, other in zip(random_network()(inputs), load_anchor_network(any_weights)(inputs), strict=True):
         assert np.array_equal(one, other)
 
 
 def test_shipped_network_is_small_and_changes_gains() -> None:
-    network = default_weights()
+    network = default_anchor_weights()
     assert network.hidden.weight.nbytes + network.output.weight.nbytes < 65536
     context = random_context(400, 14, loss=0.2)
     assert not np.array_equal(SceneFree()(context).size_gain, Grow()(context).size_gain)

@@ -8,9 +8,9 @@ from close import assert_close
 from concealment.gaps import gaussians
 from random_numbers import Numbers
 from splatwire.concealment import SceneFree, concealer_names
-from splatwire.concealment.scene_free import ElementNetwork, load_gain_network, save_gain_network
-from splatwire.concealment.scene_free.elements import ELEMENT_SIGNATURE, element_inputs
-from splatwire.concealment.scene_free.weights import default_element_weights, load_element_network
+from splatwire.concealment.scene_free import GaussianNetwork, load_anchor_network, save_gain_network
+from splatwire.concealment.scene_free.elements import GAUSSIAN_SIGNATURE, gaussian_inputs
+from splatwire.concealment.scene_free.weights import default_gaussian_weights, load_gaussian_network
 from splatwire.errors import BitstreamError
 from splatwire.types import LossMask, ReceivedScene
 from splatwire.types.splats import Splats
@@ -40,17 +40,17 @@ def test_complete_scene_is_unchanged_and_finite() -> None:
 
 def test_result_is_invariant_to_units_and_order() -> None:
     plain, large = cloud(), cloud(unit=50.0)
-    assert_close(element_inputs(plain).signature, element_inputs(large).signature, rtol=1e-3, atol=1e-3)
+    assert_close(gaussian_inputs(plain).signature, gaussian_inputs(large).signature, rtol=1e-3, atol=1e-3)
     turned = Numbers(1).randperm(300)
     other = ReceivedScene(plain.scene.select(turned), LossMask.of_elements(plain.fully_received[turned]))
     gains, others = SceneFree()(plain), SceneFree()(other)
     assert_close(gains.size_gain[turned], others.size_gain, rtol=1e-3, atol=1e-4)
-    assert element_inputs(plain).signature.shape[1] == ELEMENT_SIGNATURE
+    assert gaussian_inputs(plain).signature.shape[1] == GAUSSIAN_SIGNATURE
 
 
 def test_untrained_network_compensates_transmittance() -> None:
-    inputs = element_inputs(cloud())
-    size, opacity = ElementNetwork.untrained()(inputs)
+    inputs = gaussian_inputs(cloud())
+    size, opacity = GaussianNetwork.untrained()(inputs)
     assert_close(size, np.exp(0.15 * inputs.lost))
     through = (1 - inputs.opacity).clip(1e-4, 1 - 1e-4) ** np.exp(0.75 * inputs.lost)
     assert_close(opacity * inputs.opacity.clip(1e-4, 1 - 1e-4), 1 - through, rtol=1e-4, atol=1e-5)
@@ -58,12 +58,12 @@ def test_untrained_network_compensates_transmittance() -> None:
 
 def test_gaussian_network_file_is_refused_for_anchors(tmp_path) -> None:
     path = tmp_path / "some.safetensors"
-    save_gain_network(default_element_weights(), path)
-    inputs = element_inputs(cloud())
-    for one, other in zip(load_element_network(path)(inputs), default_element_weights()(inputs), strict=True):
+    save_gain_network(default_gaussian_weights(), path)
+    inputs = gaussian_inputs(cloud())
+    for one, other in zip(load_gaussian_network(path)(inputs), default_gaussian_weights()(inputs), strict=True):
         assert np.array_equal(one, other)
     with pytest.raises(BitstreamError, match="some"):
-        load_gain_network(path)
+        load_anchor_network(path)
     tensors = load_file(path)
     tensors["layers.0.weight"] = np.zeros((8, 3), np.float32)
     save_file(tensors, path, metadata={"splatwire": '{"format": "splatwire-scene-free-gaussians", "version": 1}'})

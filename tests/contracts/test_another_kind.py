@@ -41,7 +41,7 @@ from splatwire.codec import (
     schema_named,
     schema_of,
 )
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.named_sections import concealer_sections
 from splatwire.codec.schema import CodedPackets, Options, PacketBatch, Prepared, Schema
 from splatwire.codec.weight_bytes import framed
@@ -177,14 +177,14 @@ class PointDecoder:
 
     def scene(self) -> ReceivedScene:
         points = Points(self.places, self.colors)
-        scene = PointScene(points, background=BACKGROUND.read(self.sections))
+        scene = PointScene(points, background=BACKGROUND_SECTION.read(self.sections))
         return ReceivedScene(scene, self.loss_mask, concealer_sections(self.sections))
 
 
 def prepare(scene: PointScene, options: Options) -> Prepared:
     plan = PacketPlan(options.packetization or PRESETS["datagram"], scene.num_elements, ())
     places = framed(scene.positions.astype("<f4").tobytes())
-    side_info = places + write_sections(BACKGROUND.sections(scene.background))
+    side_info = places + write_sections(BACKGROUND_SECTION.sections(scene.background))
     return Prepared(PointEncoder(scene.points.colors, plan), side_info, plan)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from scenes import tiny_causal_scene, tiny_scene
-from splatwire.anchors.appearance import Scene
 from splatwire.anchors.scene_file import load_scene, save_partial, save_scene
 from splatwire.bitstream import PRESETS, Packetization, SceneStream, spread_packetization, stream_from_bytes
 from splatwire.codec import decode_stream, encode_scene, repack, with_section
@@ -21,6 +20,7 @@ from splatwire.io import open_scene
 from splatwire.io import save_scene as save_scene_as
 from splatwire.io.formats import PlySteps, write_splats
 from splatwire.types import AnchorScene, Copies, SplatScene
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 pytestmark = pytest.mark.slow

@@ -47,7 +47,7 @@ def plan_of(packetization: Packetization, num_anchors: int, cuts: list[int] | tu
     """A plan with tiers that end at the cuts; created inside the tests because type checks draw from `random`."""
     inner = {cut for cut in cuts if 0 < cut < num_anchors}
     if not inner or packetization.packaging != "atomic":
-        return PacketPlan(packetization, num_anchors, feature_groups=2 if packetization.separated else 0)
+        return PacketPlan(packetization, num_anchors, num_feature_groups=2 if packetization.separated else 0)
     tiers = np.searchsorted(sorted(inner), np.arange(num_anchors), side="right")
     return PacketPlan(packetization, num_anchors, count_tiers(tiers, packetization))
 

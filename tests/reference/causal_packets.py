@@ -100,7 +100,7 @@ def decode_reference(
     )
     pairs = zip(positions.codes.tolist(), positions.num_low_bits.tolist(), strict=True)
     codes = [code_reference(coder, code, num_low_bits, low_bit_probabilities) for code, num_low_bits in pairs]
-    voxels = [[_axis(code, axis) + int(positions.origin[axis]) for axis in range(3)] for code in codes]
+    voxels = [[_axis(code, axis) + int(positions.corner[axis]) for axis in range(3)] for code in codes]
     known = [network_reference(context.networks["position"], place_inputs_reference(v, context)) for v in voxels]
     known = [[value >> (OUTPUT_BITS - ACTIVATION_BITS) for value in place] for place in known]
     numbers: list[list[int]] = [[] for _ in voxels]

@@ -39,7 +39,7 @@ const INTERNAL = `
   numBlocks numBytes numCoefficients numConcealed numElements numElementsOf numGaussians numHarmonicColumns numHidden
   numInitSegments numIntact numKept numKeyframes numLatePackets numLowBits numMaskLogits numMotionTracks numNew
   numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera
-  onChange onContextAvailable onContextLost onInput onLiveHead onUse openFile orderDigest owners packetBytes
+  onChange onContextAvailable onContextLost onInput onLiveHead onUse openFile orderDigest outcome owners packetBytes
   packetDecoder packetsOf paintedCanvas parents pictureChanged planBlock planIndices playableEnd playingLive
   pointCameraAt polynomials positionStep predictAxis ranges ranks receiveDatagrams recordWhen redraw referenceOffsets
   referenceRows refusals rejected renderer reordered reorient repeatMs replaceTiles reportCamera reportPlayable

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.bitstream import limits, tile_index
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec import (
     antialiasing,
     initial_view,
@@ -23,7 +23,7 @@ from splatwire.codec import (
     weight_bytes,
     weights,
 )
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.gaussians import blocks
 from splatwire.codec.gaussians import layout as gaussians
 from splatwire.codec.sequence import layout as motion
@@ -46,10 +46,11 @@ SECTIONS = "// Names of sections of the side information.\n\n"
 WIRE = "// Constants of the wire protocol. Counterpart of `splatwire.transport.protocol`, which describes them.\n\n"
 LINE = 120
 SECTION_NAMES = {
-    "ANTIALIASED": antialiasing.SECTION, "BACKGROUND": BACKGROUND.name, "EXTENT": initial_view.EXTENT_SECTION,
-    "FIRST_FRAME": FIRST_FRAME, "LIFETIMES": lifetimes.SECTION, "METADATA": metadata.SECTION, "ORIGIN": ORIGIN.name,
-    "PREVIEW": preview.SECTION, "SKETCH": sketch.SECTION, "TIERS": tiers.SECTION, "TIER_SIZES": tier_sizes.SECTION,
-    "TILES": tile_index.SECTION, "UP": initial_view.UP_SECTION, "VIEWPOINT": initial_view.SECTION,
+    "ANTIALIASED": antialiasing.SECTION, "BACKGROUND": BACKGROUND_SECTION.name, "EXTENT": initial_view.EXTENT_SECTION,
+    "FIRST_FRAME": FIRST_FRAME, "LIFETIMES": lifetimes.SECTION, "METADATA": metadata.SECTION,
+    "ORIGIN": ORIGIN_SECTION.name, "PREVIEW": preview.SECTION, "SKETCH": sketch.SECTION, "TIERS": tiers.SECTION,
+    "TIER_SIZES": tier_sizes.SECTION, "TILES": tile_index.SECTION, "UP": initial_view.UP_SECTION,
+    "VIEWPOINT": initial_view.SECTION,
 }  # fmt: skip
 WIRE_NAMES = {
     wire: (

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from splatwire.concealment.scene_free.network import Perceptron
-from splatwire.concealment.scene_free.weights import default_element_weights, default_weights
+from splatwire.concealment.scene_free.weights import default_anchor_weights, default_gaussian_weights
 
 HEAD = """\
 // Made by web/scripts/make_weights.py; do not edit.
@@ -35,7 +35,7 @@ def main() -> None:
     """Writes `src/conceal/scene_free_weights.ts`."""
     target = Path(__file__).parents[1] / "src" / "conceal" / "scene_free_weights.ts"
     target.write_text(
-        HEAD + text_of("GAUSSIANS", default_element_weights()) + "\n" + text_of("ANCHORS", default_weights())
+        HEAD + text_of("GAUSSIANS", default_gaussian_weights()) + "\n" + text_of("ANCHORS", default_anchor_weights())
     )
 
 

@@ -29,7 +29,10 @@ export class SequenceFrames {
 
   constructor(readonly post: PostMessage) {}
 
-  /** True for live clips. They have no file and no last packet. */
+  /**
+   * True for live clips. They have no last packet, and no file while they run; a server may later offer a file under
+   * the same name.
+   */
   get live(): boolean {
     return this.#periods !== null;
   }

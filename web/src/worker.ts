@@ -32,12 +32,12 @@ self.addEventListener("message", ({ data }: MessageEvent<ToWorker | ToHelper>) =
   if (data.kind === "follow") return void reception.follow(data.file);
   if (SEPARATE && self.name !== BUILD) return fail("splatwire-worker.js has another version than the page: reload it");
   open(data).then(
-    async (text) => {
+    async (outcome) => {
       await reception.settled();
       if (reception.failed) return post({ kind: "failed", text: reception.failed.message });
-      const complete = text === "complete" && reception.complete && !reception.live;
+      const complete = outcome === "complete" && reception.complete && !reception.live;
       if (complete) reception.cancelConcealment();
-      post({ kind: "finished", text, complete });
+      post({ kind: "finished", outcome, complete });
       if (complete) void reception.digest();
     },
     async (error: unknown) => {

@@ -103,7 +103,7 @@ test("a clip ends although no frames are taken, as in a hidden page", async (t) 
     clip.update();
     frame(worker, 0);
     clip.play();
-    worker.send({ kind: "finished", text: "complete", complete: true });
+    worker.send({ kind: "finished", outcome: "complete", complete: true });
     for (const [ms, some] of [
       [1000, []],
       [5000, expected],

@@ -57,11 +57,11 @@ BYTES_PER_BYTE = 160
 """Additional memory that decoding may take per received byte, bytes."""
 
 MAX_POSITION_BITS = 63
-"""Maximum size of the Morton code of an anchor's voxel, counted from the origin, bits."""
+"""Maximum size of the Morton code of an anchor's voxel, counted from the corner, bits."""
 MAX_COORD = 1 << 40
-"""Largest coordinate of the origin and of the scene's centre, and largest spread of a scene, voxels."""
+"""Largest coordinate of the corner and of the scene's centre, and largest spread of a scene, voxels."""
 MAX_CENTRE_DISTANCE = 1 << 25
-"""Maximum distance between origin and scene centre, in spreads of the scene; keeps positions relative to the spread
+"""Maximum distance between corner and scene centre, in spreads of the scene; keeps positions relative to the spread
 exact in doubles.
 """
 MAX_LEAF = 64
@@ -97,8 +97,8 @@ class StreamSchema:
             forged.
         layout: True if the manifest contains the sizes of an anchor's attributes.
         separable: True if packets may contain single attributes (separated packaging).
-        spread: True if each packet contains elements from all over the scene by default; False if neighbouring elements
-            share packets.
+        spread: True if the default packetization is `spread` (each packet contains elements from all over the scene),
+            False if it is `paper` (from all over its block).
         explicit: True if the elements are Gaussians, which are the same in all views; False for anchors, from which
             Gaussians are generated for each view.
         page: True if the web decoder supports the schema.

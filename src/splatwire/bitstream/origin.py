@@ -16,5 +16,5 @@ def _checked(values: tuple[float, float, float]) -> tuple[float, float, float]:
     return x, y, z
 
 
-ORIGIN = VectorSection("origin", AT_ZERO, _checked, wide=True)
+ORIGIN_SECTION = VectorSection("origin", AT_ZERO, _checked, wide=True)
 """Section with x, y and z of the origin as `f64`, world units."""

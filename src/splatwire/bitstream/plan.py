@@ -19,7 +19,8 @@ from splatwire.errors import InvalidValueError
 class PacketMembers(NamedTuple):
     """Elements of each packet of a stream.
 
-    If each attribute has separate packets, the packets that contain the same elements have one common entry.
+    If each attribute has separate packets, the packets that contain the same elements have one common entry. The result
+    of `PacketPlan.all_members` with hashed grouping has an entry for each block instead.
 
     Attributes:
         indices: Plan indices (see `PacketPlan`) of all elements, packet after packet, int64 (N). Packet p has the
@@ -47,7 +48,8 @@ class PacketPlan:
         packetization: Parameters of the division into packets.
         num_elements: Number of elements of the scene, N.
         tiers: Element counts of the importance tiers; empty for a single tier.
-        feature_groups: Number of channel groups of the anchor feature if each group has separate packets; otherwise 0.
+        num_feature_groups: Number of channel groups of the anchor feature if each group has separate packets; otherwise
+            0.
 
     Raises:
         InvalidValueError: If the scene exceeds a limit of the format, or the tiers are inconsistent.
@@ -56,14 +58,14 @@ class PacketPlan:
     packetization: Packetization
     num_elements: int
     tiers: tuple[TierCounts, ...] = ()
-    feature_groups: int = 0
+    num_feature_groups: int = 0
 
     def __post_init__(self) -> None:
         check_fields(self)
         min_groups, max_groups = (1, MAX_FEATURE_GROUPS) if self.packetization.separated else (0, 0)
         check_range(
             f"number of feature groups of a plan with {self.packetization.packaging} packaging",
-            self.feature_groups,
+            self.num_feature_groups,
             min_groups,
             max_groups,
         )
@@ -110,7 +112,7 @@ class PacketPlan:
         return self.tier_of(block) // 2
 
     def tier_of(self, block: int) -> int:
-        """Importance tier of a block, 0 for the most important.
+        """Importance tier of a block, 0 first; in a clip, two per group of frames (keyframe Gaussians, motion).
 
         Raises:
             InvalidValueError: If the block does not exist.
@@ -123,7 +125,7 @@ class PacketPlan:
         """Values of `PacketId.part` in this stream: attributes with separate packets, or only 0 (whole elements)."""
         if not self.packetization.separated:
             return (0,)
-        return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.feature_groups))
+        return (SCALING, OFFSET, *range(FIRST_FEATURE, FIRST_FEATURE + self.num_feature_groups))
 
     @functools.cached_property
     def ids(self) -> tuple[PacketId, ...]:

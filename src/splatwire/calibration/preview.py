@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene
 from splatwire.arguments import check_fields, checked
 from splatwire.calibration.checks import check_settings
 from splatwire.calibration.views import CalibrationViews, Progress, References, spread_evenly
@@ -27,6 +26,7 @@ from splatwire.render import iterate_views
 from splatwire.render.cpu import ViewRasterizer, float_arrays, keep_freed_memory, render_cpu
 from splatwire.render.importance import footprint_importance
 from splatwire.types import Cameras, Gaussians
+from splatwire.types.scene import Scene
 
 _POSITION, _SIZE, _COLOR, _OPACITY = 0.02, 0.04, 0.03, 0.03
 RATES = (_POSITION, _POSITION, _POSITION, _SIZE, _SIZE, _SIZE, _COLOR, _COLOR, _COLOR, _OPACITY)

@@ -13,7 +13,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import origin_of
 from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import with_section
@@ -29,6 +29,7 @@ from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import to_arrays
 from splatwire.render import iterate_views
 from splatwire.types import Prior, ReceivedScene
+from splatwire.types.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from splatwire.codec.gaussians.copies_encoder import write_copies
 from splatwire.codec.gaussians.decoder import open_side_info
 from splatwire.codec.gaussians.side_info import SideInfo
 from splatwire.concealment import Concealed
-from splatwire.concealment.scene_free.elements import element_inputs
+from splatwire.concealment.scene_free.elements import gaussian_inputs
 from splatwire.concealment.sketch.concealer import grown_with_copies, with_copies
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.render.pruning import removal_errors
@@ -131,7 +131,7 @@ class GaussianSketch:
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None
         received_scene = with_copies(received, copies)
-        return received_scene, element_inputs(received_scene)
+        return received_scene, gaussian_inputs(received_scene)
 
     def conceal(self, sketched: tuple[ReceivedScene[SplatScene], Any]) -> tuple[ReceivedScene[SplatScene], Concealed]:
         """Enlarges Gaussians to cover lost ones that have no coarse copy, as a receiver of this sketch would.

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from PIL import Image
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import origin_of
 from splatwire.arguments import CheckedFields, checked
 from splatwire.data import Dataset
 from splatwire.errors import whole_number
@@ -18,6 +18,7 @@ from splatwire.render import iterate_views
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 from splatwire.types.origin import Origin
+from splatwire.types.scene import Scene
 
 AnyScene = TypeVar("AnyScene", bound=Scene)
 Progress = Callable[[str, float], None]

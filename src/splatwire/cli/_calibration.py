@@ -3,7 +3,6 @@
 import sys
 from pathlib import Path
 
-from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import SceneStream, is_stream, read_stream, write_stream
 from splatwire.calibration.sketch import sketch_of
 from splatwire.calibration.sketch_config import QUICK
@@ -21,6 +20,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Cameras
 from splatwire.types.background import Background
+from splatwire.types.scene import Scene
 
 
 def check_references(options: ReferenceOptions) -> None:

@@ -5,7 +5,7 @@
 from collections.abc import Callable
 from functools import partial
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import origin_of
 from splatwire.channel import parse_loss
 from splatwire.cli._calibration import with_quick_sketch
 from splatwire.cli._encoded_updates import encode_update_of
@@ -15,6 +15,7 @@ from splatwire.rate_control import Tuning, encode_controlled
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.render.pruning import prune
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 
 __all__ = [
     "Tuning",

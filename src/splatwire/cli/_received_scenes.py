@@ -21,7 +21,7 @@ from splatwire.evaluation.walkthrough.path import viewpoint_of
 from splatwire.files.names import real_path
 from splatwire.io import save_decoded
 from splatwire.io.formats.ply import write_ply
-from splatwire.sequence.written_frames import check_num_frames, write_frames
+from splatwire.sequence.frame_writer import check_num_frames, write_frames
 from splatwire.transport.address import without_token
 
 __all__ = ["follow", "keep_preview", "viewpoint_of_options", "write_scene"]

@@ -28,7 +28,7 @@ from splatwire.cli.convert import Convert
 from splatwire.cli.decode import Decode
 from splatwire.cli.encode import Encode
 from splatwire.cli.export import Export
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.concealment import create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.files.kinds import STREAMS, file_kind
@@ -40,6 +40,7 @@ from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.dispatch import format_named, warn_of_background
 from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.lod.tileset import TilesetReport, write_tileset
+from splatwire.sequence.frame_writer import write_frame_files
 from splatwire.sequence.frames import is_sequence, open_sequence
 from splatwire.sequence.options import FRAME_RATE
 from splatwire.sequence.sequence_files import (
@@ -49,7 +50,6 @@ from splatwire.sequence.sequence_files import (
     contents_of_stream,
     sequence_format_for,
 )
-from splatwire.sequence.written_frames import write_frame_files
 
 STREAM = FILE_SUFFIX.removeprefix(".")
 """Name of the stream format in `--to`."""
@@ -171,7 +171,7 @@ def _convert_sequence(path: Path, chosen: Conversion, sequence_format: SequenceF
     with progress_bars() as report:
         if file_kind(path) in STREAMS:
             stream = read_stream(path)[0]
-            warn_of_background(output, BACKGROUND.of_stream(stream))
+            warn_of_background(output, BACKGROUND_SECTION.of_stream(stream))
             frames, count, rate = contents_of_stream(stream)
         else:
             sequence = open_sequence(path)

@@ -22,7 +22,7 @@ from splatwire.concealment.temporal.concealers import DEFAULT
 from splatwire.errors import InvalidValueError
 from splatwire.io import save_decoded
 from splatwire.io.formats import format_for
-from splatwire.sequence.written_frames import check_num_frames, write_frames
+from splatwire.sequence.frame_writer import check_num_frames, write_frames
 from splatwire.types.scene_digest import scene_digest
 
 

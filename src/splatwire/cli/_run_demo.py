@@ -6,7 +6,6 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from splatwire.anchors.appearance import ReceivedScene
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.bitstream.sections import sections_of
 from splatwire.cli import _subprocess
@@ -18,6 +17,7 @@ from splatwire.cli.demo import Demo
 from splatwire.codec import decode_stream, schema_named
 from splatwire.concealment import concealer_names
 from splatwire.evaluation.study import Loss, SceneEntry, Study, concealment_rows, run_plain_study
+from splatwire.types.received_scene import ReceivedScene
 
 _LPIPS_VIEWS = 2
 """Number of views for LPIPS, which takes seconds per image on a CPU; with two the demo takes under two minutes."""

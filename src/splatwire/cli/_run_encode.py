@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene, metadata_of
+from splatwire.anchors.appearance import metadata_of
 from splatwire.bitstream import Packetization, SceneStream, measure_sizes, packetization_named, write_stream
 from splatwire.bitstream.limits import UNNAMED_SCHEMA
 from splatwire.cli._files import input_path, output_path, refuse_own_input
@@ -32,6 +32,7 @@ from splatwire.render.precision import scene_class_offsets
 from splatwire.render.up import estimate_up_axis
 from splatwire.sequence.frames import is_sequence
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 
 if TYPE_CHECKING:
     from splatwire.rate_control import EncodedScene, Tuning  # imports renderers, which most scenes are encoded without
@@ -183,15 +184,17 @@ def _encode_scene(command: Encode, source: Path) -> None:
             scene, kept_psnr = pruned.scene, pruned.psnr
         up = _up(command, scene, cameras)
 
-        def encode(encoded_scene: Any, class_offsets: Any, quality: str | int | float | Quality | None) -> SceneStream:
-            packetization = packetization_of(command, schema.name, int(encoded_scene.drawable.sum()))
+        def encode(
+            scene_to_encode: Any, class_offsets: Any, quality: str | int | float | Quality | None
+        ) -> SceneStream:
+            packetization = packetization_of(command, schema.name, int(scene_to_encode.drawable.sum()))
             options: Any = {"class_offsets": class_offsets, "quality": quality}
             options["progress"] = lambda share: report("encoding", share)
             if with_levels:
-                stream = encode_levels(encoded_scene, packetization, **options)
+                stream = encode_levels(scene_to_encode, packetization, **options)
             else:
-                tiers = _tiers(command, encoded_scene, cameras)
-                stream = encode_scene(encoded_scene, packetization, tiers=tiers, **options)
+                tiers = _tiers(command, scene_to_encode, cameras)
+                stream = encode_scene(scene_to_encode, packetization, tiers=tiers, **options)
             if cameras is not None:
                 stream = with_section(stream, INITIAL_VIEW, initial_view_section(cameras))
             if up:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from splatwire.anchors.appearance import Scene, antialiased, explicit_gaussians, metadata_of, origin_of
+from splatwire.anchors.appearance import antialiased, explicit_gaussians, metadata_of, origin_of
 from splatwire.anchors.export.counts import FitCounts
 from splatwire.anchors.export.fit import fit_splats
 from splatwire.cli._files import check_inputs, input_path, prepared_output, refuse_own_input
@@ -28,6 +28,7 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.origin import NO_ORIGIN
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 _VIEWS = 64

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from splatwire.bitstream import ReadReport, SceneStream, is_stream, measure_sizes, read_stream
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.bitstream.sections import sections_of, side_info_parts
 from splatwire.bitstream.tile_index import SECTION as TILES
 from splatwire.bitstream.tiles import read_tiles
@@ -84,7 +84,7 @@ def _describe_sequence(stream: SceneStream) -> dict[str, Any]:
 def _describe_scene_sections(stream: SceneStream) -> dict[str, Any]:
     """Returns the scene properties in the named sections of a stream: origin and antialiasing flag."""
     sections = sections_of(stream)
-    return {"origin": list(ORIGIN.read(sections)), "antialiased": ANTIALIASED in sections}
+    return {"origin": list(ORIGIN_SECTION.read(sections)), "antialiased": ANTIALIASED in sections}
 
 
 def _describe_levels(stream: SceneStream) -> dict[str, Any]:

@@ -29,7 +29,7 @@ from splatwire.cli._terminal import print_failure
 from splatwire.cli.receive import Receive
 from splatwire.errors import InvalidValueError, MissingSideInfoError
 from splatwire.files.names import real_path
-from splatwire.sequence.live_frames import LiveFrames
+from splatwire.sequence.live_frame_writer import LiveFrameWriter
 from splatwire.transport import (
     Event,
     Finished,
@@ -60,7 +60,7 @@ def run(command: Receive) -> None:
         _follow(command, address, options)
         return
     moments, periods = TransferTimes(), itertools.count()
-    with progress_bars() as show, _output(command) as path, LiveFrames(path, command.conceal, show) as live:
+    with progress_bars() as show, _output(command) as path, LiveFrameWriter(path, command.conceal, show) as live:
 
         def on_event(event: Event) -> None:
             if isinstance(event, Welcomed) and event.is_live and command.explicit:

@@ -139,6 +139,7 @@ def _continued_training(
 
 
 def _check(command: Train) -> str:
+    """Checks the options; returns the name of the training device."""
     if command.init is not None and command.resume:
         raise InvalidValueError("--init is for the start of a run: the checkpoint of --resume has its anchors")
     if command.output == "-":

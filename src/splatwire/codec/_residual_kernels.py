@@ -20,7 +20,7 @@ WEIGHT = np.int64(NARROW_WEIGHT)
 NUM_MEANS = np.int64(1 << MEAN_FRACTION_BITS)
 """Number of different means, in eighths of a step from -4 on."""
 MAX_SYMBOLS = np.int64(1 << 10)
-"""Maximum number of symbols on either side of a mixture with a table of all bounds."""
+"""Largest `max_magnitude` of a mixture for which every bound is tabulated."""
 MAX_INTERVALS = np.int64(1 << 9)
 """Maximum number of tabulated intervals of a mixture with more symbols."""
 MAX_GUESS_BITS = np.int64(8)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from splatwire.arguments import check_threads, checked_except
 from splatwire.bitstream import Manifest, Packet, SceneStream, arrived_blocks
 from splatwire.bitstream.sections import split_sections
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.initial_view import check_view_sections
 from splatwire.codec.memory import allocating, threads_within
 from splatwire.codec.registry import schema_named
@@ -83,7 +83,7 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
     schema = schema_named(manifest.schema_name)
     decoder = schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)
     sections = split_sections(side_info, manifest.schema_name)[1]
-    BACKGROUND.read(sections)
+    BACKGROUND_SECTION.read(sections)
     check_view_sections(sections)
     return decoder
 

@@ -8,15 +8,15 @@ from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.ops.morton import MAX_AXIS_BITS, morton_decode, morton_encode
 
-ORIGIN_ALIGNMENT = 1024
-"""Alignment of the origin in voxels, a power of two. It preserves low bits that are 0 for anchors on a coarse grid."""
+CORNER_ALIGNMENT = 1024
+"""Alignment of the corner in voxels, a power of two. It preserves low bits that are 0 for anchors on a coarse grid."""
 
 
-def origin_of(voxels: np.ndarray) -> np.ndarray:
-    """Returns the lower corner of the voxels' bounding box, rounded down to `ORIGIN_ALIGNMENT` voxels, int64 (3)."""
+def corner_of(voxels: np.ndarray) -> np.ndarray:
+    """Returns the lower corner of the voxels' bounding box, rounded down to `CORNER_ALIGNMENT` voxels, int64 (3)."""
     if not len(voxels):
         return np.zeros(3, dtype=np.int64)
-    return voxels.min(axis=0) // ORIGIN_ALIGNMENT * ORIGIN_ALIGNMENT
+    return voxels.min(axis=0) // CORNER_ALIGNMENT * CORNER_ALIGNMENT
 
 
 def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
@@ -33,7 +33,7 @@ def anchor_order(voxels: np.ndarray, order: str) -> np.ndarray:
     # HAC++ calls the raster order Morton order.
     if order == "raster":
         return np.lexsort((voxels[:, 0], voxels[:, 1], voxels[:, 2]))
-    return np.argsort(morton_encode(voxels - origin_of(voxels)), kind="stable")
+    return np.argsort(morton_encode(voxels - corner_of(voxels)), kind="stable")
 
 
 def encode_positions(voxels: np.ndarray) -> bytes:
@@ -48,8 +48,8 @@ def encode_positions(voxels: np.ndarray) -> bytes:
     Raises:
         ValueError: If the points span 2**21 voxels or more.
     """
-    origin = origin_of(voxels)
-    codes = np.sort(morton_encode(voxels - origin))
+    corner = corner_of(voxels)
+    codes = np.sort(morton_encode(voxels - corner))
     bits = int(codes[-1]).bit_length() if len(codes) else 0
     bits = -(-bits // 3) * 3
     buffer = np.empty(len(codes) * (bits + 8) + 64, dtype=np.uint8)
@@ -57,7 +57,7 @@ def encode_positions(voxels: np.ndarray) -> bytes:
     # at least one bit per point, so that decoders can bound their memory by the number of bytes
     length = max(length, -(-len(codes) // 8))
     writer = ByteWriter()
-    for value in origin:
+    for value in corner:
         writer.signed(int(value))
     writer.u8(bits)
     padded = np.zeros(length, dtype=np.uint8)
@@ -81,15 +81,15 @@ def decode_positions(data: bytes, count: int, order: str) -> np.ndarray:
         BitstreamError: If `data` is too short for this number of voxels, or the coordinates in it are out of range.
     """
     reader = ByteReader(data, "positions")
-    origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
+    corner = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
     bits = reader.u8()
-    if bits > 3 * MAX_AXIS_BITS or bits % 3 or np.abs(origin).max() > 1 << 40:
-        raise BitstreamError(f"positions: impossible extent of {bits} bits at {origin.tolist()}")
+    if bits > 3 * MAX_AXIS_BITS or bits % 3 or np.abs(corner).max() > 1 << 40:
+        raise BitstreamError(f"positions: impossible extent of {bits} bits at {corner.tolist()}")
     code = reader.rest()
     if count > 8 * len(code):
         raise BitstreamError(f"positions: {len(code)} bytes cannot hold {count} anchors")
     codes = np.empty(count, dtype=np.int64)
     models = fresh_models(kernels.NUM_CONTEXTS)
     kernels.decode_codes(np.frombuffer(code, dtype=np.uint8), count, bits, models, *tables(), codes)
-    voxels = morton_decode(codes) + origin
+    voxels = morton_decode(codes) + corner
     return voxels if order == "morton" else voxels[anchor_order(voxels, order)]

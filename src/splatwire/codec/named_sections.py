@@ -5,10 +5,10 @@ The other named sections are for the codec itself, such as the background colour
 
 from collections.abc import Mapping
 
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.bitstream.tile_index import SECTION as TILES
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.initial_view import EXTENT_SECTION as EXTENT
 from splatwire.codec.initial_view import SECTION as INITIAL_VIEW
 from splatwire.codec.initial_view import UP_SECTION as UP
@@ -20,7 +20,7 @@ from splatwire.codec.update.section import SECTION as UPDATE
 
 _OTHERS = (
     ANTIALIASED,
-    BACKGROUND.name,
+    BACKGROUND_SECTION.name,
     TIERS,
     TIER_SIZES,
     PREVIEW,
@@ -28,7 +28,7 @@ _OTHERS = (
     UP,
     EXTENT,
     TILES,
-    ORIGIN.name,
+    ORIGIN_SECTION.name,
     METADATA,
     UPDATE,
 )

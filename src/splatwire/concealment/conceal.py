@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.anchors.appearance import ReceivedScene, Scene
 from splatwire.arguments import checked_except
 from splatwire.concealment.base import Concealed, Concealer
 from splatwire.concealment.registry import check_needs, create_concealer
 from splatwire.errors import InvalidValueError, check_kind, shown
-from splatwire.types.received_scene import S
+from splatwire.types.received_scene import ReceivedScene, S
+from splatwire.types.scene import Scene
 
 
 @checked_except("received", "concealer")

@@ -70,7 +70,8 @@ def make_cameras(
             )
     _warn_of_principal_points(source, names, np.asarray(intrinsics), width, height)
     poses = np.array(viewmats, dtype=np.float64)
-    origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), double_precision=False)
+    # High thresholds, so that cameras at usual coordinates keep these, although poses are float64.
+    origin = choose_origin(-np.einsum("cij,ci->cj", poses[:, :3, :3], poses[:, :3, 3]), low_thresholds=False)
     poses[:, :3, 3] += poses[:, :3, :3] @ np.array(origin)
     return Cameras(
         viewmats=poses.astype(np.float32),

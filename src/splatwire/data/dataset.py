@@ -215,7 +215,7 @@ def _warn_of_unread_transforms(path: Path, folder: Path) -> None:
     if names:
         LOG.warning(
             "%s: the poses of the COLMAP reconstruction %s are read, those of %s are not: to read these, name the file "
-            "%s in place of the folder (--data)",
+            "%s in place of the folder",
             path, folder, " and ".join(names), path / names[0],
         )  # fmt: skip
 

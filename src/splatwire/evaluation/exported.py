@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene
 from splatwire.data import Dataset
 from splatwire.metrics import psnr
 from splatwire.render import iterate_views
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 
 
 def compare_export(

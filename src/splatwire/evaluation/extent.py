@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import origin_of
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_numpy
+from splatwire.types.scene import Scene
 
 FARTHEST, MAX_RADIUS_RATIO = 2.0, 4.0
 """Limits beyond which files contain different scenes: distance of the centres in radii of the larger scene, and ratio

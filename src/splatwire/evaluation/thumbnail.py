@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import SceneStream
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import decode_stream
@@ -22,6 +21,7 @@ from splatwire.render.framing import framing_cameras
 from splatwire.sequence.decoding import decode_frame
 from splatwire.types import Cameras
 from splatwire.types.cameras import NEAR_DEPTH
+from splatwire.types.scene import Scene
 
 SIDES = 8
 """Number of directions around a scene among which the direction of the thumbnail is chosen."""

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from splatwire.anchors.appearance import Scene
 from splatwire.arguments import CheckedFields, checked
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
@@ -18,6 +17,7 @@ from splatwire.render.closeups import closeup_cameras
 from splatwire.render.importance import HELD_OUT_VIEWS, surrounding_cameras
 from splatwire.types import Cameras
 from splatwire.types.background import Background
+from splatwire.types.scene import Scene
 
 HELD_OUT_SIZE = 400
 """Width and height of the images of `held_out_cameras`, pixels."""

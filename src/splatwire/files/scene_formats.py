@@ -32,7 +32,8 @@ class FileFormat:
         write_options: Names of the optional keyword arguments of `write`. `antialiased`, `origin`, `metadata` and
             `steps` (quantisation steps) are scene properties that the format can store. `outliers` (`clamp`, `prune` or
             `keep`) is the treatment of distant Gaussians, for formats in which they reduce the precision of all others.
-        kinds: Results of format detection (`splatwire.files.kinds.file_kind`) for the files that `read` accepts.
+        kinds: Results of format detection (`splatwire.files.kinds.file_kind`) for the files that are given to `read`,
+            which may reject some of them with a message of its own, such as a PLY without Gaussians.
     """
 
     name: str

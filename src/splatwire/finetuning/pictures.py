@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import origin_of
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
@@ -15,6 +15,7 @@ from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import HELD_OUT_VIEWS, surrounding_cameras
 from splatwire.types import Cameras
 from splatwire.types.origin import Origin
+from splatwire.types.scene import Scene
 
 VIEWS, SIZE = 240, 400
 """Number of generated views, and their width and height in pixels."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from splatwire.anchors.appearance import ReceivedScene, Scene, as_scene, scene_of
+from splatwire.anchors.appearance import as_scene, scene_of
 from splatwire.anchors.scene_file import load_scene_file
 from splatwire.arguments import CheckedFields, checked
 from splatwire.bitstream import SceneStream, read_stream
@@ -34,6 +34,8 @@ from splatwire.io.formats.dispatch import read_with
 from splatwire.io.model_arguments import MODEL_DEPTH, load_background
 from splatwire.types import LossMask, SplatCoding, SplatScene
 from splatwire.types.background import BLACK, Background
+from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -46,7 +48,7 @@ class LoadedScene(CheckedFields):
 
     Attributes:
         kind: Format of the file.
-        loaded: The scene; a `ReceivedScene` if parts were lost in transmission and not concealed.
+        loaded: The scene; for a stream, or a decoded scene with gaps, a `ReceivedScene`, even if nothing was lost.
         loss_mask: Mask of the elements that were lost in transmission, even if concealed later; None for a scene that
             was not sent.
     """

@@ -4,7 +4,7 @@ import logging
 import os
 from pathlib import Path
 
-from splatwire.anchors.appearance import Scene, antialiased, as_scene, explicit_gaussians, metadata_of, origin_of
+from splatwire.anchors.appearance import antialiased, as_scene, explicit_gaussians, metadata_of, origin_of
 from splatwire.anchors.scene_file import save_partial
 from splatwire.anchors.scene_file import save_scene as save_anchors
 from splatwire.arguments import checked, checked_except
@@ -18,6 +18,7 @@ from splatwire.io.formats import PlySteps, write_splats
 from splatwire.io.formats.dispatch import format_for, warn_of_background, write_with
 from splatwire.io.formats.outliers import DEFAULT, Outliers
 from splatwire.types import LossMask, Prior, ReceivedScene, SplatCoding
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from splatwire.anchors.appearance import explicit_gaussians
 from splatwire.bitstream import SceneStream, stream_to_bytes
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.metadata import read_metadata
@@ -28,7 +28,7 @@ def write_packed_gltf(stream: SceneStream, fallback: Splats, path: Path) -> None
     """
     sections = sections_of(stream)
     write_gltf(
-        [fallback], path, antialiased=ANTIALIASED in sections, origin=ORIGIN.of_stream(stream),
+        [fallback], path, antialiased=ANTIALIASED in sections, origin=ORIGIN_SECTION.of_stream(stream),
         metadata=read_metadata(sections), stream=stream_to_bytes(stream),
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from splatwire.anchors.appearance import ReceivedScene, Scene, origin_of
+from splatwire.anchors.appearance import origin_of
 from splatwire.arguments import array_of, checked
 from splatwire.bitstream import SceneStream, send_sequence
 from splatwire.bitstream.limits import MAX_ELEMENTS
@@ -30,6 +30,8 @@ from splatwire.planning.transfer_model import StreamLoad
 from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.types import Cameras
+from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.scene import Scene
 
 MAX_SEED = (1 << 32) - 1
 SHARES = (0.0, 0.05, 0.15, 0.3, 0.6, 1.0)

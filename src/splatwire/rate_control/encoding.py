@@ -9,7 +9,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.quality import Quality
@@ -24,6 +23,7 @@ from splatwire.rate_control.tuning import Tuning, check_tunable, fitted_pictures
 from splatwire.rate_control.views import SourcePictures, ViewSets
 from splatwire.render.precision import measure_class_offsets
 from splatwire.types import Cameras, SplatScene
+from splatwire.types.scene import Scene
 
 Effort = Literal["fast", "default", "best"]
 """Work per scene: `fast` chooses precision classes and keeps all Gaussians; `default` also prunes; `best` prunes more

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float64
 
-from splatwire.anchors.appearance import Scene, origin_of
+from splatwire.anchors.appearance import origin_of
 from splatwire.evaluation.views import HELD_OUT_SIZE, held_out_cameras, spread
 from splatwire.files.mmap_array import large_empty
 from splatwire.metrics.psnr import psnr
@@ -16,6 +16,7 @@ from splatwire.render import iterate_views
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import MEASURED_VIEWS
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 
 SEARCH_VIEWS, SEARCH_SIZE = 6, 256
 """Number and size in pixels of views around a scene for comparing pruned and decoded scenes. The poses depend

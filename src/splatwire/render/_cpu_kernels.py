@@ -19,7 +19,8 @@ MAX_LOG_ALPHA = np.float32(np.log2(0.99))
 MIN_TRANSMITTANCE = np.float32(1e-4)
 _BLOCK = 4  # tiles
 PREFETCH_DISTANCE = 4
-# Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns.
+# Sections of a tile's buffer: five of a number per pixel, then the numbers of the columns. Only `_cpu_gradients` uses
+# `REST`: the gradient times the colour behind the Gaussians so far, summed over the colour components.
 TRANSMITTANCE, RED, GREEN, BLUE, REST, COLUMN = (k * PIXELS for k in range(6))
 ZERO, ONE = np.float32(0), np.float32(1)
 

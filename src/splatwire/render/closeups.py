@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.anchors.appearance import explicit_gaussians, origin_of
 from splatwire.anchors.projection import project
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.render.importance import projected_footprints, surrounding_cameras
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 DISTANCE_RATIO = 0.4

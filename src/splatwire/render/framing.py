@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.anchors.appearance import explicit_gaussians, origin_of
 from splatwire.ops.arrays import lower_median
 from splatwire.render.importance import orbiting_cameras, outward_coverage, surrounding_cameras
 from splatwire.render.up import estimate_up_axis
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 _MAX_GAUSSIANS = 100_000

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of, spawned_gaussians
+from splatwire.anchors.appearance import explicit_gaussians, origin_of, spawned_gaussians
 from splatwire.anchors.projection import Projected, project
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_numpy
@@ -16,6 +16,7 @@ from splatwire.ops.quaternions import rotation_matrices
 from splatwire.types import Cameras, Gaussians
 from splatwire.types.cameras import NEAR_DEPTH
 from splatwire.types.importance import Importance
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float64
 
-from splatwire.anchors.appearance import Scene, largest_sizes, origin_of
+from splatwire.anchors.appearance import largest_sizes, origin_of
 from splatwire.ops.arrays import to_numpy
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 
 LOG = logging.getLogger(__name__)
 _MAX_POSITIONS, _MAX_VIEWS = 50_000, 16

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Float64, Int8
 
-from splatwire.anchors.appearance import Scene, explicit_gaussians, origin_of
+from splatwire.anchors.appearance import explicit_gaussians, origin_of
 from splatwire.ops.arrays import to_numpy
 from splatwire.ops.kd_order import kd_order
 from splatwire.ops.sort3 import sort3
@@ -29,6 +29,7 @@ from splatwire.render.cpu import ViewRasterizer, each_gradient_cpu, float_arrays
 from splatwire.render.framing import framing_cameras
 from splatwire.render.importance import cameras_around_splats, surrounding_cameras
 from splatwire.types import Cameras, SplatScene
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 PART_GAUSSIANS = 1 << 18

@@ -16,13 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from splatwire.anchors.appearance import Scene, origin_of, spawned_gaussians
+from splatwire.anchors.appearance import origin_of, spawned_gaussians
 from splatwire.errors import InvalidValueError
 from splatwire.ops.twister import Twister
 from splatwire.render.cpu import each_gradient_cpu
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.render import iterate_views
 from splatwire.types import Cameras
+from splatwire.types.scene import Scene
 
 COMPARED_VIEWS, COMPARED_SIZE = 7, 256
 """Number of views in which a pruned scene is compared with the full scene, and their width and height in pixels. The

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene, antialiased, as_scene, gaussians_of_view, origin_of, without_invalid
+from splatwire.anchors.appearance import antialiased, as_scene, gaussians_of_view, origin_of, without_invalid
 from splatwire.arguments import array_of, checked_except
 from splatwire.data.camera_file import load_cameras
 from splatwire.errors import InvalidValueError, check_kind, check_progress, shown
@@ -20,6 +20,7 @@ from splatwire.render.pictures import Pictures
 from splatwire.reprs import summarize
 from splatwire.types import Cameras
 from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 Progress = Callable[[int, int], None]

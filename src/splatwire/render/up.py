@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene, explicit_gaussians
+from splatwire.anchors.appearance import explicit_gaussians
 from splatwire.ops.arrays import lower_median
 from splatwire.render.render import render_scene
 from splatwire.types import Cameras, SplatScene
 from splatwire.types.cameras import NEAR_DEPTH
+from splatwire.types.scene import Scene
 
 SIDE = 96
 """Width and height of the rendered images, pixels."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatwire.arguments import checked
 from splatwire.bitstream import Manifest, Packet, SceneStream
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.antialiasing import SECTION as ANTIALIASING
 from splatwire.codec.antialiasing import antialiasing_sections
 from splatwire.codec.gaussians.quality import quality_of
@@ -158,10 +158,10 @@ class SequenceEncoder:
         if self._degree is None:
             self._sections |= {
                 **antialiasing_sections(checked_frame.antialiased),
-                **ORIGIN.sections(checked_frame.origin),
+                **ORIGIN_SECTION.sections(checked_frame.origin),
             }
             self._sections |= metadata_sections(checked_frame.metadata)
-        origin = ORIGIN.read(self._sections)
+        origin = ORIGIN_SECTION.read(self._sections)
         from_other_origin, checked_frame = checked_frame.origin != origin, checked_frame.relative_to(origin)
         self._warn_of_other_frame(checked_frame, from_other_origin=from_other_origin)
         self._degree = checked_frame.splats.degree
@@ -193,7 +193,7 @@ class SequenceEncoder:
                 "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
                 "positions have steps of up to %.2g, more than half of their size: all frames lose precision: "
                 "use coordinates relative to one point near all frames", self._num_frames, 100 * coarse[0], coarse[1],
-                describe_origin(ORIGIN.read(self._sections)), coarse[2],
+                describe_origin(ORIGIN_SECTION.read(self._sections)), coarse[2],
             )  # fmt: skip
         is_antialiased = ANTIALIASING in self._sections
         if frame.antialiased != is_antialiased and "antialiasing" not in self._warned_kinds:

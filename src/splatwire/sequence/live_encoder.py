@@ -37,7 +37,7 @@ class LiveEncoder:
         self._options, self._new_id, self._protection = options, new_id, protection
         self._period_groups = period_groups
         self._begin_period(SequenceEncoder(options, live=True))
-        self.num_frames = self._num_served = 0
+        self.num_frames = self._num_in_complete_groups = 0
 
     def push(self, frame: Frame | Splats) -> LiveSnapshot | None:
         """Adds the next frame; returns the new state of the stream if a group of pictures is complete, else None.
@@ -55,12 +55,12 @@ class LiveEncoder:
         if self.num_frames % self._options.group_frames:
             return None
         snapshot = self._add(packets)
-        self._num_served = self.num_frames
+        self._num_in_complete_groups = self.num_frames
         return snapshot
 
     def restart(self) -> None:
         """Drops the frames of the incomplete group of pictures. The next frame starts a new, independent stream."""
-        self.num_frames = self._num_served
+        self.num_frames = self._num_in_complete_groups
         self._begin_period(self.encoder.restarted(self.num_frames))
 
     def end(self) -> list[LiveSnapshot]:

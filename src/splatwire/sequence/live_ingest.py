@@ -36,7 +36,7 @@ class LiveFrameEncoder(Protocol):
 
     @property
     def num_frames(self) -> int:
-        """Number of encoded frames."""
+        """Number of frames taken, those of the incomplete group included."""
 
     def push(self, frame: Frame) -> LiveSnapshot | None:
         """Encodes a frame, and returns the new state of the stream if the frame completes a group, else None."""
@@ -83,7 +83,7 @@ class LiveIngest:
 
     @property
     def num_frames(self) -> int:
-        """Number of encoded frames."""
+        """Number of frames taken, those of the incomplete group included."""
         return self._encoder.num_frames
 
     def run(self) -> None:

@@ -17,6 +17,9 @@ from splatwire.types.attributes import Attribute
 class LossMask(CheckedFields):
     """Loss mask of N elements: which of the four coded attributes of each element were received.
 
+    The columns are the attributes of an anchor. Gaussians and tracks are received as a whole: their four columns are
+    equal (`of_elements`).
+
     Attributes:
         received: True if the attribute of the element was received, bool (N, 4); columns in the order of `Attribute`.
     """

@@ -21,12 +21,12 @@ _SAMPLE = 1 << 16
 """Maximum number of positions in the sample for the choice of an origin."""
 _SPREAD_QUANTILES = (0.05, 0.95)
 """Quantiles of the positions; the distance between the two is the spread, which a few far outliers do not change."""
-_WIDE_RATIO, _WIDE_MIN_DISTANCE = 8.0, 16.0
-"""Thresholds for float64 positions: minimum ratio of the distance from 0 to the spread, and minimum distance from 0. An
-origin is used if both are exceeded."""
-_NARROW_RATIO, _NARROW_MIN_DISTANCE = 256.0, 1000.0
-"""Thresholds for float32 positions: ratio of distance to spread, and distance from 0. Precision is already lost there,
-so only file formats with fewer bits benefit from an origin."""
+_LOW_RATIO, _LOW_MIN_DISTANCE = 8.0, 16.0
+"""Low thresholds, for float64 positions: minimum ratio of the distance from 0 to the spread, and minimum distance
+from 0. An origin is used if both are exceeded."""
+_HIGH_RATIO, _HIGH_MIN_DISTANCE = 256.0, 1000.0
+"""High thresholds, for float32 positions: ratio of distance to spread, and distance from 0. Precision is already lost
+there, so only file formats with fewer bits benefit from an origin."""
 _PRECISE_RATIO = 256.0
 """Ratio of the distance from 0 to the spread above which float32 would round precise positions visibly."""
 _MAX_STEP_SPREADS = 64.0
@@ -50,12 +50,13 @@ def _is_coordinate(value: Any) -> bool:
     return numbers and bool(abs(value) <= _MAX_COORDINATE)
 
 
-def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
+def choose_origin(means: np.ndarray, *, low_thresholds: bool) -> Origin:
     """Chooses an origin for positions, so that float32 is precise enough for positions relative to the origin.
 
     Args:
         means: World coordinates, float (N, 3); rows that are not finite are ignored.
-        double_precision: True if positions are more precise than float32.
+        low_thresholds: True to choose an origin already at a distance of more than 8 spreads and 16 units from 0, and
+            for any scene that float32 would round visibly. False for more than 256 spreads and 1000 units.
 
     Returns:
         The origin; `NO_ORIGIN` if none is needed.
@@ -67,10 +68,8 @@ def choose_origin(means: np.ndarray, *, double_precision: bool) -> Origin:
     if statistics is None:
         return NO_ORIGIN
     middle, far, spread = statistics
-    ratio, min_distance = (
-        (_WIDE_RATIO, _WIDE_MIN_DISTANCE) if double_precision else (_NARROW_RATIO, _NARROW_MIN_DISTANCE)
-    )
-    if far <= max(ratio * spread, min_distance) and not (double_precision and _is_far_and_small(far, spread)):
+    ratio, min_distance = (_LOW_RATIO, _LOW_MIN_DISTANCE) if low_thresholds else (_HIGH_RATIO, _HIGH_MIN_DISTANCE)
+    if far <= max(ratio * spread, min_distance) and not (low_thresholds and _is_far_and_small(far, spread)):
         return NO_ORIGIN
     return _rounded(middle, spread)
 
@@ -164,7 +163,7 @@ def check_precision(means: np.ndarray, name: str) -> None:
         return
     finite = means[np.isfinite(means).all(axis=1)]
     far = float(np.abs(finite).max(initial=0.0))
-    if choose_origin(means, double_precision=True) == NO_ORIGIN:
+    if choose_origin(means, low_thresholds=True) == NO_ORIGIN:
         return
     raise InvalidValueError(
         f"{name}: {means.dtype} coordinates up to {far:.6g}, which float32 would round to steps of "
@@ -188,7 +187,7 @@ def misses_positions(origin: Origin, means: np.ndarray) -> float | None:
         enough.
     """
     relative_positions = means - np.array(origin)
-    if choose_origin(relative_positions, double_precision=False) == NO_ORIGIN:
+    if choose_origin(relative_positions, low_thresholds=False) == NO_ORIGIN:
         return None
     middle = np.median(relative_positions[np.isfinite(relative_positions).all(axis=1)], axis=0)
     return float(np.abs(middle).max())

@@ -4,7 +4,7 @@ import base64
 
 from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream, send_sequence, stream_to_bytes
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.initial_view import initial_view_section
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.origins import listens_on_loopback
@@ -29,7 +29,7 @@ def page_of_stream(name: str, stream: SceneStream, cameras: Cameras | None, host
     """
     check_page_support(stream.manifest)
     ordered = stream_to_bytes(stream.with_packets(send_sequence(stream, "tiers")))
-    cameras = None if cameras is None else cameras.relative_to(ORIGIN.of_stream(stream))
+    cameras = None if cameras is None else cameras.relative_to(ORIGIN_SECTION.of_stream(stream))
     return PageContent({name: ordered}, host=host, origins=_origins(host), attributes=_attributes(cameras))
 
 

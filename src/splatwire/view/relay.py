@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 from splatwire.arguments import checked
 from splatwire.bitstream import Manifest, file_head, file_record
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.errors import MissingSideInfoError
 from splatwire.transport import Event, Finished, PacketArrived, Receiver, SideInfoArrived, Welcomed
 from splatwire.transport.http.pack import check_page_support
@@ -128,7 +128,7 @@ class Relay:
             elif isinstance(event, SideInfoArrived):
                 check_page_support(event.manifest)
                 self.manifest = event.manifest
-                self.origin = ORIGIN.of_side_info(event.side_info, event.manifest.schema_name)
+                self.origin = ORIGIN_SECTION.of_side_info(event.side_info, event.manifest.schema_name)
                 await self._begin_file(event.manifest.stream_id, file_head(event.manifest, event.side_info))
                 self._begun.set()
                 self._headed.set()

@@ -92,7 +92,7 @@ def test_estimated_rate_equals_the_encoded_size(dataset: Dataset, recipe: TrainC
     stream = encode_scene(export_scene(state, recipe), network_tolerance=0.005)
     places = read_side_info(stream.side_info, stream.manifest.num_elements).positions
     voxels = voxel_indices(decode_stream(stream).scene.positions, recipe.voxel_size)
-    codes = morton_encode(voxels - places.known.origin)
+    codes = morton_encode(voxels - places.known.corner)
     pairs = zip(codes, places.known.num_low_bits, strict=True)
     real = (
         stream.part_sizes()["packet_payloads"]

@@ -428,7 +428,7 @@ export class Controller {
       case "lost":
         return this.#session.lost(message.reason, message.retryMs);
       case "finished":
-        return this.#finished(message.text, message.complete);
+        return this.#finished(message.outcome, message.complete);
       case "failed":
         return this.#session.fail(message.text);
       case "digest":
@@ -436,12 +436,12 @@ export class Controller {
     }
   }
 
-  #finished(text: string, complete: boolean): void {
+  #finished(outcome: string, complete: boolean): void {
     this.status.complete = complete;
     this.stage.end();
     if (this.stage.renderer) this.#conceal();
     this.#playback.end();
-    this.#session.finished(text, complete, this.#playback.live);
+    this.#session.finished(outcome, complete, this.#playback.live);
     this.#follow();
   }
 

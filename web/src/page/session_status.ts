@@ -59,10 +59,10 @@ export class SessionStatus {
     if (!status.gaussians) panel.showNotice("loading", "Receiving ...");
   }
 
-  /** Reports the end of the transfer. `text` describes it. */
-  finished(text: string, complete: boolean, live: boolean): void {
+  /** Reports the end of the transfer. */
+  finished(outcome: string, complete: boolean, live: boolean): void {
     const { status, panel } = this;
-    status.finished = text;
+    status.finished = outcome;
     status.complete = complete;
     status.lost = null;
     const checking = complete && !live;
@@ -71,10 +71,10 @@ export class SessionStatus {
         checking
           ? "All packets received; checking them."
           : !live
-            ? `The transfer ended early: ${text}. Missing packets are concealed.`
-            : text === "complete" || text === "sent"
+            ? `The transfer ended early: ${outcome}. Missing packets are concealed.`
+            : outcome === "complete" || outcome === "sent"
               ? "The live clip has ended."
-              : `The live clip ended: ${text}.`,
+              : `The live clip ended: ${outcome}.`,
       );
     if (!checking) this.dispatch("load", { complete, verified: false });
   }

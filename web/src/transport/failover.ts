@@ -36,7 +36,7 @@ export interface Source {
 /** Listener with the received packets and the state of the connection. */
 export interface Receiver extends Listener {
   readonly store: PacketStore;
-  /** True for live clips. They have no file before their server offers one in their place. */
+  /** True for live clips. They have no file while they run; a server may later offer a file under the same name. */
   readonly live: boolean;
   /** Number of received packets of this visit. It never decreases. */
   readonly numReceived: number;

@@ -113,7 +113,8 @@ export type FromWorker =
       numKept: number;
     }
   | { kind: "note"; text: string }
-  | { kind: "finished"; text: string; complete: boolean }
+  /** End of the transfer: `complete`, `sent` or `stopped`. */
+  | { kind: "finished"; outcome: string; complete: boolean }
   | { kind: "failed"; text: string }
   /** Disconnect: its reason, and the time until the next attempt in milliseconds. */
   | { kind: "lost"; reason: string; retryMs: number }

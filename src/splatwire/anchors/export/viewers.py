@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene, explicit_gaussians
+from splatwire.anchors.appearance import explicit_gaussians
 from splatwire.errors import InvalidValueError
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.ops.spherical_harmonics import DC, MAX_DEGREE, num_functions
+from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
 
 

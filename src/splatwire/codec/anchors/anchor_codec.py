@@ -19,9 +19,9 @@ from splatwire.bitstream import (
     spread_packetization,
     tier_order,
 )
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.bitstream.sections import sections_of
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.geometry import anchor_order
 from splatwire.codec.metadata import SECTION as METADATA
 from splatwire.codec.metadata import metadata_sections
@@ -78,7 +78,8 @@ def prepare_anchors(
     scene = scene.select(index)
     plan = _plan(scene, packetization, tier_of)
     sections = {
-        **BACKGROUND.sections(scene.background), **ORIGIN.sections(scene.origin), **metadata_sections(scene.metadata),
+        **BACKGROUND_SECTION.sections(scene.background), **ORIGIN_SECTION.sections(scene.origin),
+        **metadata_sections(scene.metadata),
     }  # fmt: skip
     if plan.tiers:
         sections[TIERS] = encode_tiers(tier_of, len(plan.tiers))
@@ -110,7 +111,7 @@ def prepare_anchor_repack(
     sections = sections_of(stream)
     tier_of = read_tiers(sections, stream.manifest)
     if packetization.order != stream.manifest.packetization.order:
-        if kept := sorted(set(sections) - {BACKGROUND.name, ORIGIN.name, METADATA, *section_names}):
+        if kept := sorted(set(sections) - {BACKGROUND_SECTION.name, ORIGIN_SECTION.name, METADATA, *section_names}):
             order = stream.manifest.packetization.order
             raise InvalidValueError(f"'{kept[0]}' of this stream is for anchors in {order} order")
         scene = scene_in_order(scene, packetization.order)

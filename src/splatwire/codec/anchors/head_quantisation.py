@@ -10,7 +10,9 @@ from splatwire.types import Anchors, GaussianHeads
 
 SAMPLE_SEED = 0
 DEFAULT_HEAD_TOLERANCE = 0.004
-"""Tolerated error of a rendering network's output before its activation: a quarter of an 8-bit colour step."""
+"""Tolerated error of a rendering network's output before its activation; after the sigmoid of a colour, at most a
+quarter of an 8-bit step.
+"""
 
 
 def quantise_heads(

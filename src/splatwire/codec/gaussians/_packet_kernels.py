@@ -228,6 +228,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
     if not coder.decoding:
         for i in range(n):
             cell_codes[i] = codes[order[i]] >> (3 * (cell_shift - max(box_bits - MAX_CELL_BITS, 0)))
+    # `cells[0]` serves as working array, before the cells are written to it.
     _code_cell_codes(coder, cell_codes, 3 * (box_bits - cell_shift), interleaved, cells[0], stack)
     _deinterleave_codes(cell_codes, cells, neighbours.narrow)
     for i in range(n):
@@ -296,7 +297,8 @@ def _encode_packet(
 ):
     coder = new_coder(ENCODING, buffer, np.empty(0, np.int64), models.copy(), statistics, tables)
     encoder_start(coder.state)
-    # Sorted by the codes of the cells; Gaussians of equal codes keep their order.
+    # Sorted along the Morton curve of the positions, also within a cell, as in `SourceScene.packet_order`. Gaussians of
+    # equal codes keep their order.
     order = begin + np.argsort(source[CODES_FIELD][begin : begin + len(rows)], kind="mergesort")
     _code_packet(coder, step_parameters, box_bits, block_means, source, order, rows, harmonics, new_scratch(len(rows)))
     return encoder_finish(buffer, coder.state)

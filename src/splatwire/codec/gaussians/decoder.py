@@ -7,9 +7,9 @@ import numpy as np
 
 from splatwire.bitstream import GAUSSIANS, Manifest, Packet
 from splatwire.bitstream.limits import LEVELS, MAX_BLOCK_SIZE, UPDATE
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import empty_rows, update_digest, write_splats
 from splatwire.codec.gaussians.blocks import CHUNK_GAUSSIANS
@@ -130,10 +130,10 @@ class GaussianDecoder:
         """
         scene = SplatScene(
             self._splats,
-            background=BACKGROUND.read(self.sections),
+            background=BACKGROUND_SECTION.read(self.sections),
             coding=coding_of(self._info, self._precision_classes),
             antialiased=ANTIALIASED in self.sections,
-            origin=ORIGIN.read(self.sections),
+            origin=ORIGIN_SECTION.read(self.sections),
             metadata=read_metadata(self.sections),
         )
         return ReceivedScene(scene, self._loss_mask, concealer_sections(self.sections), self._records)
@@ -225,7 +225,8 @@ def store_block(
 ) -> None:
     """Writes the Gaussians of a block to the scene as floats.
 
-    Lost Gaussians get opacity 0 and estimated values of the other attributes.
+    Lost Gaussians get opacity 0, no rotation, no harmonics above degree 0, and estimated positions, scales and base
+    colours.
 
     Args:
         splats: All Gaussians of the scene, changed in place.

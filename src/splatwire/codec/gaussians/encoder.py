@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.bitstream import HEADER_BYTES, PRESETS, PacketPlan, count_tiers
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.antialiasing import antialiasing_sections
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import fit_transform, to_harmonics
 from splatwire.codec.gaussians.blocks import make_boxes
@@ -77,8 +77,8 @@ def prepare_splats(
     quality = quality_of("default" if options.quality is None else options.quality)
     tiers = options.tiers if tier_counts else None
     source = SourceScene.of(splats, plan, options.class_offsets, tiers, quality, coding, sorted_already=sorted_already)
-    sections = {**({} if template is None else template.sections), **BACKGROUND.sections(scene.background)}
-    sections |= {**antialiasing_sections(scene.antialiased), **ORIGIN.sections(scene.origin)}
+    sections = {**({} if template is None else template.sections), **BACKGROUND_SECTION.sections(scene.background)}
+    sections |= {**antialiasing_sections(scene.antialiased), **ORIGIN_SECTION.sections(scene.origin)}
     sections |= metadata_sections(scene.metadata)
     sections.pop(TIERS, None)
     if tier_counts:

@@ -17,9 +17,9 @@ MAX_COORDINATE_BITS = MAX_LATTICE_BITS - 2
 quantisation step.
 """
 MAX_DISTANCE_OCTAVES = 12
-"""Largest coded distance, in octaves of the scene's size. Cells of a packet's grid have `MAX_CELL_BITS` bits per axis;
-the remaining bits resolve nearby Gaussians, and `choose_cell_shift` needs this number of bits for some hundreds
-of Gaussians.
+"""Largest coded distance, in octaves of the scene's size. A cell has 21 bits per axis (`MAX_CELL_BITS`). With 12
+octaves of distance, 9 bits are left for the Gaussians near the centre, as many as `choose_cell_shift` chooses for some
+hundreds of Gaussians.
 """
 
 _TOLERANCE = 1.001

@@ -23,7 +23,8 @@ from splatwire.ops.compiled import njit
 
 TARGET_FILL_BITS, MIN_FILL_BITS = 5, 3
 """Parameters of the division of a block into packets of limited size, as in
-`splatwire.codec.gaussians._packet_kernels`.
+`splatwire.codec.gaussians._packet_kernels`. The encoder aims at a fraction `1 - 2 ** -TARGET_FILL_BITS` of the maximum
+size, and accepts packets above a fraction `1 - 2 ** -MIN_FILL_BITS`.
 """
 SPARE_BYTES, TRACK_BYTES = 64, 4
 """Size of an encoder's buffer in addition to the space for coefficients, bytes: `SPARE_BYTES` once, and `TRACK_BYTES`
@@ -119,7 +120,7 @@ def _encode_packet(
         first_new: Index in the stream of the first track that begins in the group.
         dead_zone: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
         headers: Headers of the packet's tracks, int64 (n, fields), ascending by track index.
-        positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians in units of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).
@@ -212,7 +213,7 @@ def encode_limited(
         first_new: Index in the stream of the first track that begins in the group.
         dead_zone: Extra width of the interval that the quantiser rounds to 0 (dead zone), in 64ths of a step.
         headers: Headers of the tracks, int64 (n, fields), ascending by track index.
-        positions: Positions of the tracks' keyframe Gaussians in the fixed-point unit of motion, int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians in units of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, frames).
         rows: Index in `targets` of each track, int64 (n).

@@ -298,8 +298,7 @@ def predict_from_neighbours(positions, states, shifts, num_coefficients, quantis
     coefficients from the residuals.
 
     Args:
-        positions: Positions of the keyframe Gaussians of the packet's M tracks, in the fixed-point unit in which the
-            motion of positions is coded, int64 (M, 3).
+        positions: Positions of the keyframe Gaussians of the packet's M tracks, in units of motion, int64 (M, 3).
         states: `STILL` or `MOVING` for each track, int64 (M).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (M, channels).
         num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial

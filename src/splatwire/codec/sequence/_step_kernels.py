@@ -36,14 +36,15 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, f
         precision_class, opacity, s0, elongation = columns[i, 0], columns[i, 1], columns[i, 2], columns[i, 3]
         flatness = flatness_table[columns[i, 4]]
         area = 2 * s0 - elongation
-        lattice_shift = position_shift(
+        step_shift_in_lattice = position_shift(
             base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_position_shift
         )
         rotation_shift = DIRECTION_BITS - step_exponent(
             base_exponents, STEP_DIRECTION, precision_class, area, elongation, flatness, opacity
         )
         for a in range(3):
-            shifts[i, a] = lattice_shift + 1  # the unit of motion is half the lattice spacing
+            # in half lattice spacings; the caller converts to the unit of motion
+            shifts[i, a] = step_shift_in_lattice + 1
             shifts[i, 3 + a] = min(max(rotation_shift, 0), DIRECTION_BITS - 2)
         expected_area = 2 * s0 - ASSUMED_ELONGATION  # of a Gaussian of unknown elongation
         shifts[i, 6] = step_shift(base_exponents, STEP_SCALE0, precision_class, ZERO, ZERO, ZERO, opacity, BITS - 1)

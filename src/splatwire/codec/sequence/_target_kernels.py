@@ -166,7 +166,7 @@ def fit_motion(
         keyframes: T keyframe Gaussians: means, quaternions, scales, opacities and colours, float32 (T, 1, ...).
         keyframe_indices: Index in `keyframes` of each track's keyframe Gaussian, int64 (n); tracks with a negative
             index are skipped.
-        world_to_units: Factor from world units to the fixed-point unit of motion.
+        world_to_units: Factor from world units to units of motion.
         to_luma_chroma: Matrix from colours to Y Co Cg, float64 (3, 3).
         basis: Basis polynomials, float64 (F, F).
         begin: First frame of this call.
@@ -217,7 +217,7 @@ def find_moving(largest, rotations, shifts, track_indices, limits, too_far, movi
     track moves if one of its coefficients is large enough to be coded.
 
     Args:
-        largest: Largest absolute motion coefficient of each track in each channel, in the fixed-point unit of motion,
+        largest: Largest absolute motion coefficient of each track in each channel, in the units of `layout.CHANNELS`,
             float64 (n, channels).
         rotations: tan(angle / 4) of the largest rotation of each track relative to its keyframe Gaussian, float64 (n).
         shifts: log2 of the quantisation step of each channel's motion, for all T tracks, int64 (T, channels).

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from splatwire.bitstream import Manifest, Packet, PacketId
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.gaussians.attributes import empty_rows as empty_keyframes
 from splatwire.codec.gaussians.attributes import update_digest as digest_keyframes
 from splatwire.codec.gaussians.decoder import blank_splats, decode_packets, store_block
@@ -194,10 +194,10 @@ class TracksDecoder:
         """Returns the sequence decoded so far, with the mask of received elements and the stream's metadata."""
         blocks = self._block_map.blocks_of_tracks()
         tracks = Tracks(self._splats, self._block_map.born, self._received, blocks, self._rounding, *self._lifetimes)
-        background, antialiased = BACKGROUND.read(self.sections), ANTIALIASED in self.sections
+        background, antialiased = BACKGROUND_SECTION.read(self.sections), ANTIALIASED in self.sections
         sequence = SequenceScene(
             self.info.timeline, tracks, self._motion, self._num_elements, background, antialiased,
-            origin=ORIGIN.read(self.sections),
+            origin=ORIGIN_SECTION.read(self.sections),
             metadata=read_metadata(self.sections),
         )  # fmt: skip
         return ReceivedScene(sequence, self._loss_mask, concealer_sections(self.sections))

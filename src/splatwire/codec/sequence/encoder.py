@@ -22,7 +22,7 @@ from splatwire.bitstream import (
 )
 from splatwire.bitstream.limits import TRACKS
 from splatwire.bitstream.tiers import TierCounts
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.gaussians.attributes import update_digest as digest_keyframes
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.sequence.fitting import Fitting, fit, motion_masks
@@ -84,7 +84,7 @@ class TracksEncoder:
             raise InvalidValueError("packets of a clip are cut by their size: choose hashed grouping")
         self._rate, self._group_frames = rate, group_frames
         self._packetization, self._threads = packetization, threads
-        self._sections: Mapping[str, bytes] = BACKGROUND.sections(background)
+        self._sections: Mapping[str, bytes] = BACKGROUND_SECTION.sections(background)
         self._keyframe_encoder = KeyframeEncoder(quality, packetization, threads)
         self._zero_probabilities: np.ndarray | None = None
         self._groups: list[GroupCounts] = []
@@ -106,7 +106,7 @@ class TracksEncoder:
             end: Number of available frames; frames from `end` on may have any content.
         """
         if self._groups:
-            self._fitting = self._fitting or self._fit(keys, trajectories)
+            self._fitting = self._fitting or self._new_fitting(keys, trajectories)
             self._fitting.add_frames(trajectories, end)
 
     def add(self, group: TrackGroup, class_offsets: np.ndarray | None = None, *, cut: bool = False) -> list[Packet]:
@@ -144,8 +144,11 @@ class TracksEncoder:
         coder = MotionCoder.of(len(coding_rows), motion.coefficients, first_new, max_payload_bytes)
 
         @functools.cache
-        def encode_births() -> list[Packet]:
-            """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion."""
+        def ensure_births_encoded() -> list[Packet]:
+            """Encodes the keyframe Gaussians of the tracks that begin in this group, and fits their motion.
+
+            The first call does the work; later calls return the same packets.
+            """
             packets = self._encode_keyframes(group, class_offsets, keyframe_rows, track_indices, cut=cut)
             threads, fitted_tracks = 1 if num_continued else self._threads, np.where(needs_keyframe, track_indices, -1)
             frame_range = (0, group.trajectories.num_frames)
@@ -169,12 +172,12 @@ class TracksEncoder:
         self._fill_coder(coder, slice(num_continued), group, coding_rows, track_indices, moving)
         if cut:
             old_log2_unit = self._keyframe_encoder.log2_motion_unit
-            encode_births()
+            ensure_births_encoded()
             self._change_unit(motion, continued_rows, track_indices, moving, old_log2_unit)
             self._fill_coder(coder, slice(num_continued), group, coding_rows, track_indices, moving)
-        num_motion_tracks, motion_packets = self._encode_motion(group, coder, num_continued, encode_births)
+        num_motion_tracks, motion_packets = self._encode_motion(group, coder, num_continued, ensure_births_encoded)
         self._groups.append(GroupCounts(len(keyframe_rows), num_motion_tracks))
-        packets = [*encode_births(), *motion_packets]
+        packets = [*ensure_births_encoded(), *motion_packets]
         max_lifetimes = sum(packet.num_bytes for packet in packets) // PACKET_BYTES_PER_LIFETIME
         coded_tracks, begins, ends = track_indices[coding_rows], group.begins[coding_rows], group.ends[coding_rows]
         begin_late, end_early = (coded_tracks >= first_new) & (begins > 0), ends < group.trajectories.num_frames
@@ -187,7 +190,9 @@ class TracksEncoder:
         self._known = replace(self._known, alive=coded_tracks[~end_early])
         self._num_frames += group.trajectories.num_frames
         self._packets += packets
-        return by_importance(encode_births(), self.importance) + interleave_blocks(motion_packets, self.importance)
+        return by_importance(ensure_births_encoded(), self.importance) + interleave_blocks(
+            motion_packets, self.importance
+        )
 
     def finish(self, sections: Mapping[str, bytes]) -> SceneStream:
         """Returns the stream of all groups of frames.
@@ -264,7 +269,7 @@ class TracksEncoder:
                 MotionCoefficients.zero(count, num_frames),
             )
         if fitting is None or not fitting.can_continue(group.keys, num_frames):
-            fitting = self._fit(group.keys, group.trajectories)
+            fitting = self._new_fitting(group.keys, group.trajectories)
             fitting.add_frames(group.trajectories, num_frames)
         motion = fitting.finish(group.keys, group.trajectories, (group.begins == 0) & (group.ends == num_frames))
         new = fitting.track_indices < 0
@@ -283,9 +288,9 @@ class TracksEncoder:
         moving: np.ndarray,
         old_log2_unit: int,
     ) -> None:
-        """Converts the motion of continued tracks to the unit of positions of a new shot.
+        """Converts the motion of continued tracks to the unit of motion of a new shot.
 
-        A shot is a range of groups of frames that share a unit of positions. A scene cut may begin a new shot.
+        A scene cut may begin a new shot: groups of frames with a lattice, quantisation steps and tables of their own.
         Continued tracks keep the keyframe Gaussian of an earlier group.
 
         Args:
@@ -293,7 +298,7 @@ class TracksEncoder:
             continued_rows: Indices, among the tracks of the group, of the continued tracks.
             track_indices: Index in the stream of each track of the group.
             moving: Mask of moving tracks; cleared for tracks whose motion is too large for the new unit.
-            old_log2_unit: The unit of positions of the preceding shot, which is the unit of `motion` before the call.
+            old_log2_unit: The unit of motion of the preceding shot, which is the unit of `motion` before the call.
                 Given as log2 of the ratio of this unit to the unit of the first shot.
         """
         log2_unit = self._keyframe_encoder.log2_motion_unit
@@ -311,7 +316,7 @@ class TracksEncoder:
                 "small for their motion", f"{stopped.sum():,}", self._group_frames,
             )  # fmt: skip
 
-    def _fit(self, keys: np.ndarray, trajectories: Trajectories) -> Fitting:
+    def _new_fitting(self, keys: np.ndarray, trajectories: Trajectories) -> Fitting:
         return Fitting(
             keys, self._known, self._keyframe_encoder.motion_unit_info, trajectories.num_frames, self._threads
         )
@@ -384,32 +389,32 @@ class TracksEncoder:
         )
 
     def _encode_motion(
-        self, group: TrackGroup, coder: MotionCoder, num_known: int, encode_births: Callable[[], list[Packet]]
+        self, group: TrackGroup, coder: MotionCoder, num_known: int, ensure_births_encoded: Callable[[], list[Packet]]
     ) -> tuple[int, list[Packet]]:
         """Encodes the motion of all tracks (Gaussians over time) in a group of frames.
 
         Args:
             group: The tracks of the group.
             coder: Motion coder of the tracks. Known tracks come first. New tracks follow, and their entries are filled
-                by `encode_births`.
+                by `ensure_births_encoded`.
             num_known: Number of known tracks. A track is known if its keyframe Gaussian was encoded in an earlier
                 group.
-            encode_births: Function that encodes the keyframe Gaussians of the new tracks, and fills the entries of the
-                new tracks in `coder`.
+            ensure_births_encoded: Function that encodes the keyframe Gaussians of the new tracks, and fills the entries
+                of the new tracks in `coder`. The first call does the work; later calls return the same packets.
 
         Returns:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.
         """
         headers, num_frames = coder.headers, group.trajectories.num_frames
         if all_stay(headers[:num_known], num_frames) and np.array_equal(self._known.alive, headers[:num_known, TRACK]):
-            encode_births()
+            ensure_births_encoded()
             if all_stay(headers, num_frames):
                 return 0, []
-        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, num_known, encode_births)
+        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, num_known, ensure_births_encoded)
         return len(headers), packets
 
     def _encode_motion_blocks(
-        self, coder: MotionCoder, num_known: int, encode_births: Callable[[], list[Packet]]
+        self, coder: MotionCoder, num_known: int, ensure_births_encoded: Callable[[], list[Packet]]
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks (Gaussians over time) in packets of limited size.
 
@@ -418,8 +423,8 @@ class TracksEncoder:
         Args:
             coder: Motion coder of the tracks, as for `_encode_motion`.
             num_known: Number of known tracks, as for `_encode_motion`.
-            encode_births: Function that encodes the keyframe Gaussians of the new tracks, and fills their entries in
-                the coder.
+            ensure_births_encoded: Function that encodes the keyframe Gaussians of the new tracks, as for
+                `_encode_motion`.
 
         Returns:
             Packets of all tracks, and the number of bytes used for each track, float64.
@@ -428,20 +433,20 @@ class TracksEncoder:
         block_size = even_block_size(len(headers), self._packetization.block_size)
         block_ranges = list(itertools.pairwise([*range(0, len(headers), block_size), len(headers)]))
         if self._zero_probabilities is None:
-            encode_births()
+            ensure_births_encoded()
             self._zero_probabilities = coder.fit_zero_probabilities(block_ranges, self._threads)
 
         def ranges_to_encode() -> Iterator[tuple[int, int]]:
             for begin, end in block_ranges:
                 if end > num_known:
-                    encode_births()
+                    ensure_births_encoded()
                 yield begin, end
 
         packets, costs = [], []
         encode = functools.partial(coder.encode, self._zero_probabilities)
         coded_blocks = ordered_map(encode, ranges_to_encode(), self._threads)
         for block, ((begin, end), coded) in enumerate(zip(block_ranges, coded_blocks, strict=True)):
-            encode_births()  # keyframe Gaussians first: this is the order of the digest
+            ensure_births_encoded()  # keyframe Gaussians first: this is the order of the digest
             packets += coded.packets(block)
             digest_motion(self._digest, (headers[begin:end], coded.residuals))
             costs.append(coded.costs)

@@ -27,7 +27,7 @@ class Fitting:
     Args:
         keys: Keys (identifiers) of the tracks of the present group that have appeared so far, int64 (n).
         known_tracks: Tracks of earlier groups with their keyframe Gaussians.
-        info: Side information whose lattice spacing determines the unit of fitted positions.
+        info: Side information whose lattice spacing determines the unit of motion.
         num_frames: Number of frames in the group.
         threads: Number of threads; None for one per processor.
 
@@ -101,7 +101,7 @@ def fit(
         motion: Polynomial coefficients of the motion of n tracks, changed in place.
         trajectories: Trajectories of the n tracks over the group of frames.
         known_tracks: All tracks that have a keyframe Gaussian so far.
-        info: Side information whose lattice spacing determines the unit of fitted positions.
+        info: Side information whose lattice spacing determines the unit of motion.
         track_indices: Index in `known_tracks` of each of the n tracks, int64 (n); tracks with a negative index are
             skipped.
         frame_range: Range of frames to add: first frame and end (exclusive).
@@ -128,7 +128,7 @@ def motion_masks(
     track moves if one of its coefficients is large enough to be coded.
 
     Args:
-        largest: Largest absolute motion coefficient of each track in each channel, in the fixed-point unit of motion,
+        largest: Largest absolute motion coefficient of each track in each channel, in the units of `layout.CHANNELS`,
             float64 (n, channels).
         rotations: tan(angle / 4) of the largest rotation of each track relative to its keyframe Gaussian, float64 (n).
         shifts: log2 of the quantisation step of each channel's motion, for all T known tracks, int64 (T, channels).

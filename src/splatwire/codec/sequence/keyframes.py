@@ -51,8 +51,7 @@ class CodedKeyframes:
     Attributes:
         order: Entry i is the input index of the i-th keyframe Gaussian in packet order, int64 (n).
         rows: Decoded integers of the keyframe Gaussians, int64 (n, columns). Positions are relative to their blocks.
-        positions: Positions relative to the scene's origin, in the unit in which the motion of positions is coded,
-            int64 (n, 3).
+        positions: Positions relative to the scene's origin, in units of motion, int64 (n, 3).
         block_rows: Decoded integers of each block, `rows` and harmonics, from which the stream's digest is computed.
         packets: Packets of the keyframe Gaussians; blocks are numbered from 0.
         num_blocks: Number of blocks.
@@ -79,7 +78,7 @@ class _Fitted:
 class _EncodedShot:
     """Side information of one shot.
 
-    A shot is a run of groups of frames whose keyframe Gaussians share quantisation steps.
+    A shot is a run of groups of frames whose keyframe Gaussians share a lattice, quantisation steps and tables.
 
     Attributes:
         first_group: Index of the first group.
@@ -150,7 +149,8 @@ class KeyframeEncoder:
     def log2_motion_unit(self) -> int:
         """log2 of the ratio of the unit of motion in the current shot to the unit of motion in the first shot.
 
-        A shot is a range of groups of frames that share quantisation parameters; a scene cut may begin a new shot.
+        A shot is a range of groups of frames that share a lattice, quantisation steps and tables; a scene cut may begin
+        a new shot.
         """
         return self._log2_ratio_to_first(self.motion_unit_info) if self._shots else 0
 
@@ -233,7 +233,7 @@ class KeyframeEncoder:
     def _needs_new_shot(self, info: SideInfo) -> bool:
         """True if the quantisation steps of `info` differ enough from those of the current shot to begin a new shot.
 
-        If the units of positions differ by more than the format allows (`MAX_LOG2_RATIO`), no new shot can begin, and
+        If the units of motion differ by more than the format allows (`MAX_LOG2_RATIO`), no new shot can begin, and
         the result is False.
         """
         assert self._template is not None
@@ -326,7 +326,7 @@ def _num_bytes(coded: CodedKeyframes) -> int:
 
 
 def to_motion_units(rows: np.ndarray, info: SideInfo, block: int, lattice_shift: int) -> np.ndarray:
-    """Converts the positions of a block's Gaussians to the unit in which motion is coded.
+    """Converts the positions of a block's Gaussians to the unit of motion.
 
     Args:
         rows: Decoded integers of a block's Gaussians, int64 (n, columns), with positions in halves of the lattice

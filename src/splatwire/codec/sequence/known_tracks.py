@@ -19,8 +19,8 @@ class KnownTracks:
         keys: Key of each track, an integer by which the application identifies the track, int64 (T).
         by_key: Entry i is the index of the track with the i-th smallest key, int64 (T).
         source_keyframes: Keyframe Gaussian of each track before quantisation, as trajectories of one frame.
-        positions: Decoded position of each keyframe Gaussian, int64 (T, 3), in the unit of positions of the shot in
-            which it was encoded. A shot is a range of groups of frames that share quantisation steps.
+        positions: Decoded position of each keyframe Gaussian, int64 (T, 3), in the unit of motion of the shot in
+            which it was encoded. A shot is a range of groups of frames that share a lattice, steps and tables.
         shifts: log2 of the quantisation steps of each track's motion, by channel, int64 (T, channels).
         log2_units: For each track, log2 of the ratio of the unit of its position to the unit of the first shot, int64
             (T).
@@ -93,7 +93,7 @@ class KnownTracks:
             positions: Decoded positions of the keyframe Gaussians, int64 (n, 3).
             shifts: log2 of the quantisation steps of the new tracks' motion, int64 (n, channels).
             log2_unit: log2 of the ratio of the unit of `positions` to the unit of the first shot. A shot is a range of
-                groups of frames that share quantisation steps.
+                groups of frames that share a lattice, quantisation steps and tables.
         """
         source_keyframes = {
             name: np.concatenate([old, getattr(keyframes, name)]) for name, old in vars(self.source_keyframes).items()

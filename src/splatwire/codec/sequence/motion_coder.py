@@ -69,8 +69,7 @@ class MotionCoder:
     Attributes:
         headers: Header of each track in the motion packets (state, first frame, end and others), ascending by track
             index, int64 (n, fields).
-        positions: Positions of the tracks' keyframe Gaussians, as multiples of the unit of coded position changes,
-            int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians, in units of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
         targets: Motion coefficients before quantisation, float64 (N, channels, F). N may be larger than n.
         rows: Index in `targets` of each track, int64 (n).

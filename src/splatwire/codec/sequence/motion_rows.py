@@ -75,8 +75,7 @@ def coefficients_of(
         residuals: Prediction residuals of the tracks, int32 (n, channels * frames).
         num_coefficients: For each kind of channel (position, rotation, scale, opacity, colour), number of polynomial
             coefficients coded per channel, int64 (kinds).
-        positions: Positions of the tracks' keyframe Gaussians, as multiples of the unit of coded position changes,
-            int64 (n, 3).
+        positions: Positions of the tracks' keyframe Gaussians, in units of motion, int64 (n, 3).
         shifts: log2 of the quantisation steps of the tracks' motion, int64 (n, channels).
 
     Returns:

@@ -42,13 +42,13 @@ class GroupCounts:
 
 @dataclass(frozen=True, eq=False)
 class Shot:
-    """Consecutive groups of frames whose keyframe Gaussians share quantisation steps and probability tables.
+    """Consecutive groups of frames whose keyframe Gaussians share a lattice, quantisation steps and tables.
 
     Attributes:
         first_group: Index of the first group.
         first_block: Index of the first block among all blocks of keyframe Gaussians.
         keyframe_info: Side information of the shot's keyframe Gaussians.
-        log2_motion_unit: log2 of the unit of coded position changes, relative to the unit in the first shot.
+        log2_motion_unit: log2 of the unit of motion, relative to the unit in the first shot.
     """
 
     first_group: int
@@ -100,16 +100,15 @@ class SequenceInfo:
 
     @property
     def log2_motion_units(self) -> np.ndarray:
-        """Log2 of the ratio of each group's unit for changes of position to the first group's, int64 (groups)."""
+        """Log2 of the ratio of each group's unit of motion to the first group's, int64 (groups)."""
         ends = [*(shot.first_group for shot in self.shots[1:]), len(self.groups)]
         counts = [end - shot.first_group for shot, end in zip(self.shots, ends, strict=True)]
         return np.repeat(np.array([shot.log2_motion_unit for shot in self.shots], np.int64), counts)
 
     def lattice_shift(self, block: int) -> int:
-        """Returns log2 of half the lattice spacing of a block, relative to the unit of its shot's motion.
+        """Returns log2 of half the lattice spacing of a block, relative to the unit of motion of its shot.
 
-        The lattice contains the positions of the block's keyframe Gaussians. The unit of motion is the length unit
-        of coded position changes.
+        The lattice contains the positions of the block's keyframe Gaussians.
 
         Args:
             block: Index of the block among all blocks of keyframe Gaussians.
@@ -209,13 +208,13 @@ def _write_shots(shots: Sequence[Shot], version: int) -> bytes:
 def _read_shots(data: bytes, version: int, first_blocks: Sequence[int]) -> tuple[Shot, ...]:
     """Reads the side information of the keyframe Gaussians, one part for each shot.
 
-    A shot is a range of groups of frames that share quantisation steps and probability tables.
+    A shot is a range of groups of frames that share a lattice, quantisation steps and probability tables.
 
     Args:
         data: Serialised side information of all shots. For each shot, it contains the first group of frames, the unit
-            of positions, and the side information of the keyframe Gaussians.
+            of motion, and the side information of the keyframe Gaussians.
         version: Version of the side information: `VERSION` for a single shot; `VERSION_WITH_SHOTS` for several shots
-            with the same unit of positions; `VERSION_WITH_MOTION_UNITS` for shots with different units.
+            with the same unit of motion; `VERSION_WITH_MOTION_UNITS` for shots with different units.
         first_blocks: Index of the first block of keyframe Gaussians of each group, then the number of all blocks.
     """
     if version == VERSION:

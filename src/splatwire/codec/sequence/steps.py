@@ -21,7 +21,7 @@ def motion_shifts(
         info: Side information of the keyframe Gaussians.
         log_step_ratios: For each kind of channel, log2 of the ratio of the quantisation steps of motion to those of the
             keyframe Gaussian, int64 (kinds).
-        lattice_shift: log2 of half the lattice spacing of `info`, relative to the unit of coded position changes.
+        lattice_shift: log2 of half the lattice spacing of `info`, relative to the unit of motion.
 
     Returns:
         log2 of the step of each channel, int64 (n, channels), in the units that `layout.CHANNELS` lists.
@@ -36,7 +36,7 @@ def motion_shifts(
 
 
 def in_other_units(positions: np.ndarray, shifts: np.ndarray, log2_ratios: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Converts the positions of tracks, and the quantisation steps of their motion, to another unit of positions.
+    """Converts the positions of tracks, and the quantisation steps of their motion, to another unit of motion.
 
     The unit may change after a scene cut.
 

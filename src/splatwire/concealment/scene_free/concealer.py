@@ -8,15 +8,15 @@ import numpy as np
 from splatwire.arguments import check_fields
 from splatwire.concealment.base import Concealed, check_at_least
 from splatwire.concealment.registry import register_concealer
-from splatwire.concealment.scene_free.elements import ElementNetwork, element_inputs, enlarge_received
-from splatwire.concealment.scene_free.network import GainNetwork, gain_inputs
+from splatwire.concealment.scene_free.elements import GaussianNetwork, enlarge_received, gaussian_inputs
+from splatwire.concealment.scene_free.network import AnchorNetwork, anchor_inputs
 from splatwire.concealment.scene_free.surroundings import surroundings_of
 from splatwire.concealment.scene_free.weights import (
     SHIPPED,
-    default_element_weights,
-    default_weights,
-    load_element_network,
-    load_gain_network,
+    default_anchor_weights,
+    default_gaussian_weights,
+    load_anchor_network,
+    load_gaussian_network,
 )
 from splatwire.types import Prior, ReceivedScene
 from splatwire.types.splats import Splats
@@ -41,17 +41,19 @@ class SceneFree:
     # On held-out photos where the correction did not help, 0.5 lost at most 0.02 dB against `grow`, 1 up to 0.24 dB.
     trust: float = 0.5
     gaussian_weights: str | Path | None = None
-    _network: GainNetwork = field(init=False, repr=False, compare=False)
-    _elements: ElementNetwork = field(init=False, repr=False, compare=False)
+    _anchor_network: AnchorNetwork = field(init=False, repr=False, compare=False)
+    _gaussian_network: GaussianNetwork = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         check_fields(self)
         check_at_least("trust in the network", self.trust, 0)
-        network = default_weights() if self.weights is None else load_gain_network(Path(self.weights))
-        weights = self.gaussian_weights
-        object.__setattr__(self, "_network", network)
-        elements = default_element_weights() if weights is None else load_element_network(Path(weights))
-        object.__setattr__(self, "_elements", elements)
+        weights, gaussian_weights = self.weights, self.gaussian_weights
+        anchor = default_anchor_weights() if weights is None else load_anchor_network(Path(weights))
+        object.__setattr__(self, "_anchor_network", anchor)
+        gaussian = (
+            default_gaussian_weights() if gaussian_weights is None else load_gaussian_network(Path(gaussian_weights))
+        )
+        object.__setattr__(self, "_gaussian_network", gaussian)
 
     @property
     def name(self) -> str:
@@ -64,8 +66,8 @@ class SceneFree:
         if not len(rows):
             ones = np.ones_like(received.log_sizes)
             return Concealed(ones, ~received.fully_received, ones)
-        if received.prediction is None:
-            return enlarge_received(received, rows, self._elements(element_inputs(received)))
+        if received.prediction is None:  # explicit Gaussians
+            return enlarge_received(received, rows, self._gaussian_network(gaussian_inputs(received)))
         return enlarge_received(
-            received, rows, self._network(gain_inputs(received, surroundings_of(received, rows)), self.trust)
+            received, rows, self._anchor_network(anchor_inputs(received, surroundings_of(received, rows)), self.trust)
         )

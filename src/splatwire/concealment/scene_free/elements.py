@@ -18,7 +18,7 @@ from splatwire.ops.knn import NeighborTree, nearest_others
 from splatwire.types import ReceivedScene, SplatScene
 from splatwire.types.anchors import MIN_SIZE
 
-ELEMENT_SIGNATURE = 12
+GAUSSIAN_SIGNATURE = 12
 """Number of input features per Gaussian."""
 _NEIGHBORS, _CLOSE, _SPACING_RANK = 64, 32, 6
 BASE = (0.15, 0.75)
@@ -29,7 +29,7 @@ OPACITIES = (1e-4, 1 - 1e-4)
 
 
 @dataclass(frozen=True, eq=False)
-class ElementInputs:
+class GaussianInputs:
     """Inputs of the network that predicts factors on the size and opacity of M received Gaussians.
 
     Attributes:
@@ -45,7 +45,7 @@ class ElementInputs:
     opacity: Float[np.ndarray, "M"]
 
 
-def element_inputs(received: ReceivedScene[SplatScene]) -> ElementInputs:
+def gaussian_inputs(received: ReceivedScene[SplatScene]) -> GaussianInputs:
     """Computes the input features of every received Gaussian."""
     splats, fully_received = received.scene.splats, received.fully_received
     rows, opacities, log_axes = np.flatnonzero(fully_received), splats.opacities, splats.log_axes
@@ -77,7 +77,7 @@ def element_inputs(received: ReceivedScene[SplatScene]) -> ElementInputs:
         np.log1p(cover.sum(axis=1)),
         log_gain((weight * (1 - is_received)).sum(axis=1) / np.maximum(weight.sum(axis=1) + area[rows], tiny)),
     ]
-    return ElementInputs(rows, np.stack(columns, axis=1), lost, opacities[rows])
+    return GaussianInputs(rows, np.stack(columns, axis=1), lost, opacities[rows])
 
 
 def _spacing(distance: np.ndarray, received: np.ndarray, log_sizes: np.ndarray) -> Float[np.ndarray, "M"]:
@@ -97,13 +97,13 @@ def _spacing(distance: np.ndarray, received: np.ndarray, log_sizes: np.ndarray) 
     return np.where(np.isfinite(ranked), np.log(np.maximum(ranked, MIN_SIZE)), log_sizes)
 
 
-class ElementNetwork(Perceptron):
+class GaussianNetwork(Perceptron):
     """A small neural network that predicts factors on size and opacity of received Gaussians next to lost ones."""
 
-    INPUTS = ELEMENT_SIGNATURE
+    INPUTS = GAUSSIAN_SIGNATURE
 
     def __call__(
-        self, inputs: ElementInputs, trust: float | int = 1.0, base: tuple[float, float] = BASE
+        self, inputs: GaussianInputs, trust: float | int = 1.0, base: tuple[float, float] = BASE
     ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
         """Computes positive factors (gains) on the size and on the opacity of M received Gaussians, float (M) each.
 

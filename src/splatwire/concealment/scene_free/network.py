@@ -22,7 +22,7 @@ MAX_CHANGE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class GainInputs:
+class AnchorInputs:
     """Inputs of the neural network that predicts the enlargement of received anchors next to lost ones.
 
     Attributes:
@@ -36,7 +36,7 @@ class GainInputs:
     grown: Float[np.ndarray, "M"]
 
 
-def gain_inputs(received: ReceivedScene, surroundings: Surroundings) -> GainInputs:
+def anchor_inputs(received: ReceivedScene, surroundings: Surroundings) -> AnchorInputs:
     """Computes the inputs of the network that predicts the enlargement of received anchors.
 
     Args:
@@ -44,7 +44,7 @@ def gain_inputs(received: ReceivedScene, surroundings: Surroundings) -> GainInpu
         surroundings: Neighbours and expected sizes of the received anchors.
     """
     grown = Grow().gain(1 - near_losses(received, surroundings), received.fully_received, received.tier_sizes)
-    return GainInputs(surroundings.rows, signatures(received, surroundings), grown)
+    return AnchorInputs(surroundings.rows, signatures(received, surroundings), grown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Perceptron:
         return h @ self.output.weight.T + self.output.bias
 
 
-class GainNetwork(Perceptron):
+class AnchorNetwork(Perceptron):
     """A small neural network that corrects the enlargement of received anchors by the concealer `grow`.
 
     The network has two outputs, both logarithms of factors. The first factor corrects the enlargement; the second
@@ -108,7 +108,7 @@ class GainNetwork(Perceptron):
     INPUTS = SIGNATURE
 
     def __call__(
-        self, inputs: GainInputs, trust: float | int = 1.0
+        self, inputs: AnchorInputs, trust: float | int = 1.0
     ) -> tuple[Float[np.ndarray, "M"], Float[np.ndarray, "M"]]:
         """Computes factors (gains) on the size and on the opacity of each received anchor, positive, float (M) each.
 

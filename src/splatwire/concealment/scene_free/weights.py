@@ -8,20 +8,20 @@ from typing import TypeVar
 import numpy as np
 
 from splatwire.anchors.tensor_file import read_tensors, write_tensors
-from splatwire.concealment.scene_free.elements import ElementNetwork
-from splatwire.concealment.scene_free.network import GainNetwork, Perceptron
+from splatwire.concealment.scene_free.elements import GaussianNetwork
+from splatwire.concealment.scene_free.network import AnchorNetwork, Perceptron
 from splatwire.errors import BitstreamError
 from splatwire.types.networks import Linear
 
 VERSION = 1
 _FORMATS: dict[type[Perceptron], str] = {
-    GainNetwork: "splatwire-scene-free", ElementNetwork: "splatwire-scene-free-gaussians"
+    AnchorNetwork: "splatwire-scene-free", GaussianNetwork: "splatwire-scene-free-gaussians"
 }  # fmt: skip
 _ASSETS = Path(str(resources.files("splatwire").joinpath("assets")))
 SHIPPED = (_ASSETS / "scene_free.safetensors", _ASSETS / "scene_free_gaussians.safetensors")
 """Weight files that ship with the package: for anchors, and for explicit Gaussians."""
 _MAX_HIDDEN = 1024
-Network = TypeVar("Network", GainNetwork, ElementNetwork)
+Network = TypeVar("Network", AnchorNetwork, GaussianNetwork)
 
 
 def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str] | None = None) -> None:
@@ -39,19 +39,19 @@ def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str]
     write_tensors(_arrays(network), header, path)
 
 
-def load_gain_network(path: Path) -> GainNetwork:
+def load_anchor_network(path: Path) -> AnchorNetwork:
     """Reads the network of the concealer `scene_free` for anchors from a file.
 
     Raises:
         UnsupportedVersionError: If this release does not support the file's version.
         BitstreamError: If the file is absent, damaged or of another format.
     """
-    return _load(path, GainNetwork)
+    return _load(path, AnchorNetwork)
 
 
-def load_element_network(path: Path) -> ElementNetwork:
+def load_gaussian_network(path: Path) -> GaussianNetwork:
     """Reads the network of the concealer `scene_free` for explicit Gaussians from a file."""
-    return _load(path, ElementNetwork)
+    return _load(path, GaussianNetwork)
 
 
 def _arrays(network: Perceptron) -> dict[str, np.ndarray]:
@@ -85,12 +85,12 @@ def _load(path: Path, kind: type[Network]) -> Network:
 
 
 @cache
-def default_weights() -> GainNetwork:
+def default_anchor_weights() -> AnchorNetwork:
     """Returns the shipped neural network of the concealer `scene_free` for scenes of anchors."""
-    return load_gain_network(SHIPPED[0])
+    return load_anchor_network(SHIPPED[0])
 
 
 @cache
-def default_element_weights() -> ElementNetwork:
+def default_gaussian_weights() -> GaussianNetwork:
     """Returns the shipped neural network of the concealer `scene_free` for scenes of explicit Gaussians."""
-    return load_element_network(SHIPPED[1])
+    return load_gaussian_network(SHIPPED[1])

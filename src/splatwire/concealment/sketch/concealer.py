@@ -9,11 +9,11 @@ from splatwire.arguments import CheckedFields
 from splatwire.concealment.base import Concealed
 from splatwire.concealment.grow import Grow
 from splatwire.concealment.registry import register_concealer
-from splatwire.concealment.scene_free.elements import ElementInputs, element_inputs, enlarge_received
-from splatwire.concealment.scene_free.network import GainInputs, gain_inputs
+from splatwire.concealment.scene_free.elements import GaussianInputs, enlarge_received, gaussian_inputs
+from splatwire.concealment.scene_free.network import AnchorInputs, anchor_inputs
 from splatwire.concealment.scene_free.signature import near_losses
 from splatwire.concealment.scene_free.surroundings import surroundings_of
-from splatwire.concealment.scene_free.weights import default_element_weights, default_weights
+from splatwire.concealment.scene_free.weights import default_anchor_weights, default_gaussian_weights
 from splatwire.concealment.sketch.section import (
     SCALING_COLUMNS,
     SECTION,
@@ -88,11 +88,11 @@ def conceal_with(received: ReceivedScene[AnchorScene], section: SketchSection) -
 def conceal_with_copies(received: ReceivedScene[SplatScene], copies: Copies) -> Concealed:
     """Replaces lost Gaussians by coarse copies, hides the other lost Gaussians, and enlarges Gaussians next to gaps."""
     sketched = with_copies(received, copies)
-    return grown_with_copies(sketched, element_inputs(sketched), copies.growth)
+    return grown_with_copies(sketched, gaussian_inputs(sketched), copies.growth)
 
 
 def grown_with_copies(
-    sketched: ReceivedScene[SplatScene], inputs: ElementInputs, growth: tuple[float, float, float]
+    sketched: ReceivedScene[SplatScene], inputs: GaussianInputs, growth: tuple[float, float, float]
 ) -> Concealed:
     """Leaves out lost Gaussians that have no coarse copy, and enlarges the Gaussians around them.
 
@@ -102,7 +102,7 @@ def grown_with_copies(
         growth: Parameters of the enlargement (`Copies.growth`): exponents of size and opacity, weight of the network.
     """
     size, opacity, trust = growth
-    gains = default_element_weights()(inputs, trust, (size, opacity))
+    gains = default_gaussian_weights()(inputs, trust, (size, opacity))
     return replace(enlarge_received(sketched, inputs.rows, gains), elements=sketched.elements)
 
 
@@ -132,13 +132,13 @@ class SketchedLoss:
 
     received_scene: ReceivedScene[AnchorScene]
     drawn_share: Float[np.ndarray, "M"]
-    inputs: GainInputs
+    inputs: AnchorInputs
 
     @staticmethod
     def of(sketched: ReceivedScene[AnchorScene]) -> "SketchedLoss":
         """Computes the data for enlarging drawn anchors, given a scene in which copies have replaced lost anchors."""
         around = surroundings_of(sketched, np.flatnonzero(sketched.fully_received))
-        return SketchedLoss(sketched, 1 - near_losses(sketched, around), gain_inputs(sketched, around))
+        return SketchedLoss(sketched, 1 - near_losses(sketched, around), anchor_inputs(sketched, around))
 
     def conceal(self, section: SketchSection) -> Concealed:
         """Hides those lost anchors that have no coarse copy, and enlarges drawn anchors next to hidden ones.
@@ -148,7 +148,7 @@ class SketchedLoss:
         """
         rule, scene = Grow(exponent=section.exponent, max_excess=section.max_excess), self.received_scene
         gain = rule.gain(self.drawn_share, scene.fully_received, scene.tier_sizes)
-        gains = default_weights()(replace(self.inputs, grown=gain), section.trust)
+        gains = default_anchor_weights()(replace(self.inputs, grown=gain), section.trust)
         return replace(enlarge_received(scene, self.inputs.rows, gains), elements=scene.filled)
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from splatwire.anchors.appearance import Scene
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.comparison.shots import Shots
 from splatwire.evaluation.extent import SceneExtent
@@ -24,6 +23,7 @@ from splatwire.render import iterate_views
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
+from splatwire.types.scene import Scene
 
 READS = 2
 """Number of times that a file is read; the shortest time counts, because the first read also loads compiled code."""

@@ -9,17 +9,17 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from splatwire.anchors.appearance import Scene, scene_of
+from splatwire.anchors.appearance import scene_of
 from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.bitstream import HACPP_ANCHORS, Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.limits import SCHEMAS
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.bitstream.sections import sections_of
 from splatwire.channel import PacketLossMask, draw_mask
 from splatwire.codec import can_repack, decode_stream, encode_scene, repack, schema_of
 from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.registry import schema_named
 from splatwire.concealment import conceal_if_received, concealer_names, create_concealer
 from splatwire.concealment.registry import why_unfit
@@ -47,9 +47,10 @@ from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Anchors
 from splatwire.types.background import Background
+from splatwire.types.scene import Scene
 
 LOG = logging.getLogger(__name__)
-_SECTIONS_OF_PICTURES = (BACKGROUND.name, ORIGIN.name, ANTIALIASED)
+_SECTIONS_OF_PICTURES = (BACKGROUND_SECTION.name, ORIGIN_SECTION.name, ANTIALIASED)
 """Names of the sections that determine how and where a scene is drawn."""
 AROUND_VIEWS, AROUND_SIZE = 12, 400
 """Number of generated views for scenes without photos and cameras, and their width and height in pixels."""
@@ -319,7 +320,7 @@ def _background(first: PreparedStream, store: Store) -> Background:
     """
     path = store.root / first.path
     if first.num_packets:
-        return BACKGROUND.of_stream(store.files.stream(path))
+        return BACKGROUND_SECTION.of_stream(store.files.stream(path))
     return scene_of(store.files.loaded_scene(path).loaded).background
 
 

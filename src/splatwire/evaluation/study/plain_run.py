@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from splatwire.anchors.appearance import ReceivedScene, scene_of
+from splatwire.anchors.appearance import scene_of
 from splatwire.bitstream import SceneStream, packetization_named
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import schema_named, schema_of
@@ -22,6 +22,7 @@ from splatwire.evaluation.study.plain import concealment_rows, plain_content
 from splatwire.evaluation.study.references import Progress
 from splatwire.evaluation.study.run import StudyResult, run_study
 from splatwire.evaluation.study.store import MemoryStore
+from splatwire.types.received_scene import ReceivedScene
 
 
 def run_plain_study(

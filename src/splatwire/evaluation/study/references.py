@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene
 from splatwire.data import load_cameras, open_dataset
 from splatwire.data.dataset import Dataset
 from splatwire.errors import InvalidValueError, SplatwireError
@@ -26,6 +25,7 @@ from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
 from splatwire.types.background import Background
 from splatwire.types.cameras import NEAR_DEPTH
+from splatwire.types.scene import Scene
 
 Progress = Callable[[str, float], None]
 RENDERS = "renders of the complete scene"

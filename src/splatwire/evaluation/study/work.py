@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from threadpoolctl import threadpool_limits
 
-from splatwire.anchors.appearance import ReceivedScene, Scene, scene_of
+from splatwire.anchors.appearance import scene_of
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.concealment import conceal_if_received, create_concealer
@@ -40,6 +40,8 @@ from splatwire.ops.threads import use_single_thread
 from splatwire.render import iterate_views
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Anchors, Attribute, LossMask
+from splatwire.types.received_scene import ReceivedScene
+from splatwire.types.scene import Scene
 
 _MAX_FEATURE_BYTES = 1 << 30
 """Limit per worker of cached LPIPS features of reference images, bytes; an 800x600 image takes a quarter of it."""

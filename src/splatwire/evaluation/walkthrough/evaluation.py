@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene, explicit_gaussians
+from splatwire.anchors.appearance import explicit_gaussians
 from splatwire.bitstream import SceneStream, arrived_blocks
 from splatwire.bitstream.tile_selection import Viewpoint, cut_of, finer_tile_of
 from splatwire.bitstream.tiles import Tiles
@@ -18,6 +18,7 @@ from splatwire.evaluation.walkthrough.path import Walk, viewpoint_of
 from splatwire.lod.tiles import tiles_of
 from splatwire.metrics import psnr
 from splatwire.render import Renderer, iterate_views
+from splatwire.types.scene import Scene
 
 SETTLED_DB = 1.0
 """Maximum PSNR deficit against the complete scene at which the view counts as complete, decibels."""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.bitstream import SceneStream
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.encoding import into_datagrams
 from splatwire.data import load_cameras
 from splatwire.evaluation.pixels import to_pixels
@@ -49,7 +49,7 @@ def evaluate_path(
     Raises:
         SplatwireError: If reference or cameras cannot be read, or the stream has no levels or is not complete.
     """
-    cameras, truth = load_cameras(path).relative_to(ORIGIN.of_stream(stream)), open_scene(reference)
+    cameras, truth = load_cameras(path).relative_to(ORIGIN_SECTION.of_stream(stream)), open_scene(reference)
     warn_of_near_plane(truth, cameras)
     walk = Walk(cameras, max(cameras.num_views - 1, 1) if seconds is None else seconds)
     if lossy and not stream.manifest.packetization.hashed:

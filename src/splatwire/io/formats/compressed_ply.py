@@ -154,7 +154,7 @@ def _position_bounds(chunks: PlyElement) -> tuple[np.ndarray, np.ndarray, Origin
     names = [[f"{side}_{name}" for name in _BOUNDS[0]] for side in ("min", "max")]
     low, high = (chunks.select_float64(names_of_bound) for names_of_bound in names)
     wide = all(chunks.rows.dtype[name].itemsize > _FLOAT_BYTES for names_of_bound in names for name in names_of_bound)
-    origin = choose_origin(np.concatenate([low, high]), double_precision=wide)
+    origin = choose_origin(np.concatenate([low, high]), low_thresholds=wide)
     return (low - np.array(origin)).astype(np.float32), (high - np.array(origin)).astype(np.float32), origin, wide
 
 

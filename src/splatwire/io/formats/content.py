@@ -53,7 +53,7 @@ class FileContent(CheckedFields):
         """
         if self.origin != NO_ORIGIN:
             return self
-        return self.relative_to(choose_origin(self.splats.means, double_precision=False))
+        return self.relative_to(choose_origin(self.splats.means, low_thresholds=False))
 
 
 def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:
@@ -67,7 +67,7 @@ def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> 
             float64.
     """
     shifts = np.array([shift for _, _, shift in parts]).reshape(-1, 3)
-    origin = choose_origin(shifts, double_precision=False)
+    origin = choose_origin(shifts, low_thresholds=False)
     if origin != NO_ORIGIN or not shifts.any():
         return origin
     samples = [

@@ -59,7 +59,10 @@ LOG = logging.getLogger(__name__)
 
 @checked
 def find_format(kind: Kind) -> FileFormat | None:
-    """Returns the registered scene format of a detected kind of file; None if no registered format can read it."""
+    """Returns the registered scene format of a detected kind of file; None if there is none.
+
+    For a PLY of anchors or without Gaussians it is `ply`, whose reader rejects the file with a message of its own.
+    """
     for form in FORMATS.registered().values():
         if kind in form.kinds or (form.recognises is not None and kind == kind_of_format(form)):
             return form
@@ -70,7 +73,8 @@ def find_format(kind: Kind) -> FileFormat | None:
 def format_of(kind: Kind) -> str | None:
     """Returns the name of the scene format that files of a detected kind have.
 
-    The result is None if files of this kind contain no explicit Gaussians.
+    The result is None if no format of explicit Gaussians has this kind. For any PLY it is `ply`, also for one of
+    anchors or without Gaussians, which the reader rejects.
     """
     form = find_format(kind)
     return None if form is None or form.scene_type is not None else form.name
@@ -81,8 +85,9 @@ def splats_kind(path: Path) -> str | None:
     """Detects the format of a file of explicit Gaussians by its content.
 
     Returns:
-        Name of the format, such as `ply` or `spz`; None for anything else, including missing files. A compressed PLY is
-        a `ply`, a glTF document a `glb`, and a 3DGS model folder a `3dgs`.
+        Name of the format, such as `ply` or `spz`; None for anything else, including missing files. Any PLY is a `ply`
+        (compressed, of anchors, or without Gaussians: the reader rejects the last two), a glTF document a `glb`, and a
+        3DGS model folder a `3dgs`.
     """
     return format_of(file_kind(path))
 
@@ -109,7 +114,7 @@ def read_content(path: Path) -> FileContent:
     """
     path = path_of(path, "a file of Gaussians")
     content, validity = read_all_rows(path)
-    # The file of an empty frame has one invisible Gaussian, see `splatwire.sequence.written_frames`.
+    # The file of an empty frame has one invisible Gaussian, see `splatwire.sequence.frame_writer`.
     if len(validity.kept) == validity.num_invisible == 1:
         LOG.warning("%s: its only Gaussian is transparent: the scene is empty", path)
         return content

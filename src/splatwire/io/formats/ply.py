@@ -160,7 +160,7 @@ def _origin(vertices: PlyElement) -> Origin:
     if stated is not None and (distance := misses_positions(stated, means)) is None:
         return stated
     has_doubles = any(vertices.rows.dtype[name] != np.float32 for name in _AXES)
-    chosen = choose_origin(means, double_precision=has_doubles)
+    chosen = choose_origin(means, low_thresholds=has_doubles)
     if stated is not None:
         LOG.warning(
             "%s: its comment has the origin (%s), which is %.6g away from the Gaussians: it may be of another file; "

@@ -182,7 +182,7 @@ def noisy_causal_attributes(
 
 
 def causal_networks(parameters: dict[str, Tensor], config: CausalConfig) -> dict[str, Mlp]:
-    """Builds the networks of the causal entropy model from trained parameters; returns them by name."""
+    """Builds the networks of the causal model from trained parameters; returns them by name."""
 
     def layer(name: str) -> Linear:
         return Linear(parameters[f"causal.{name}.weight"], parameters[f"causal.{name}.bias"])
@@ -241,8 +241,8 @@ def anchor_and_offset_bits(
         offset_mask: Mask of the offsets that exist, 0 or 1.
 
     Returns:
-        For each anchor, bits of its features and of the logarithms of its sizes, (M). For each offset, bits of its
-        coordinates and of its mask, (M, K).
+        For each anchor, bits of its features and of the logarithms of the offset scale and the sizes, (M). For each
+        offset, bits of its coordinates and of its mask, (M, K).
     """
     feature, log_scalings, offset = values
     predicted = predict_causal(_functions(networks), config, position_inputs, feature, log_scalings, join=torch.cat)

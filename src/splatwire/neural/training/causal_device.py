@@ -142,7 +142,9 @@ class DeviceCausal(TrainableCausal):
 
 
 def value_steps(log_steps: Float[Tensor, "S"], config: CausalConfig) -> Float[Tensor, "D"]:
-    """Returns the quantisation step of each attribute value of an anchor: features, logarithms of sizes, offsets.
+    """Returns the quantisation step of each attribute value of an anchor.
+
+    The values are the features, the logarithms of the offset scale and the sizes, and the offsets.
 
     Args:
         log_steps: Natural logarithms of the trained quantisation steps.
@@ -173,7 +175,8 @@ def packed_anchor_bits(
         networks: The networks by name.
         config: Shapes of anchors and networks.
         position_inputs: Positions of the anchors and their positional encoding, as inputs of the position network.
-        values: Features, logarithms of sizes, and offsets, in quantisation steps, with noise in place of rounding.
+        values: Features, logarithms of the offset scale and the sizes, and offsets, in quantisation steps, with noise
+            in place of rounding.
         offset_mask: Mask of the offsets that exist, 0 or 1.
     """
     layout, order = config.layout, _output_order(config)

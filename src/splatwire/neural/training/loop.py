@@ -8,7 +8,6 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from splatwire.anchors.appearance import Scene
 from splatwire.arguments import CheckedFields
 from splatwire.data import Dataset
 from splatwire.errors import DatasetError, DivergedError, InvalidValueError, shown
@@ -19,6 +18,7 @@ from splatwire.neural.training.progress import Listener, RunningMeans
 from splatwire.neural.training.quality import QualityReport, assess_scene
 from splatwire.neural.training.step import StepReport
 from splatwire.render.backends import create_renderer
+from splatwire.types.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -106,8 +106,8 @@ class TrainingLoop:
     Attributes:
         options: Options for checkpoints and tests.
         listener: Callbacks.
-        train: Training views.
-        test_views: Test views; None for no tests.
+        train_data: Training views.
+        test_data: Test views; None for no tests.
         device: The training device.
         kernels: Implementations of the expensive operations for that device.
         seconds: Duration of the iterations so far, and after them also of the final task (refinement of the context
@@ -116,8 +116,8 @@ class TrainingLoop:
 
     options: RunOptions
     listener: Listener
-    train: Dataset
-    test_views: Dataset | None
+    train_data: Dataset
+    test_data: Dataset | None
     device: torch.device
     kernels: Kernels
     seconds: float = 0.0
@@ -128,9 +128,9 @@ class TrainingLoop:
         Raises:
             DatasetError: If a photo or mask is missing or damaged.
         """
-        photos = PhotoStore(self.train, self.device, self.kernels.prepare_photo)
-        if self.test_views is not None:
-            check_photos(self.test_views)
+        photos = PhotoStore(self.train_data, self.device, self.kernels.prepare_photo)
+        if self.test_data is not None:
+            check_photos(self.test_data)
         return photos
 
     def run(self, model: ModelTraining, photos: PhotoStore) -> bool:
@@ -145,7 +145,7 @@ class TrainingLoop:
             DivergedError: If the loss or a parameter is not finite.
             OSError: If a checkpoint cannot be written.
         """
-        if max(model.state.view_queue, default=0) >= self.train.num_views:
+        if max(model.state.view_queue, default=0) >= self.train_data.num_views:
             raise DatasetError("the checkpoint is of a run with more training views than there are here")
         stopped = self._iterate(model, photos)
         if self.options.checkpoint is not None:
@@ -157,7 +157,7 @@ class TrainingLoop:
         while state.iteration < model.iterations:
             started = time.perf_counter()
             if not state.view_queue:
-                state.view_queue = torch.randperm(self.train.num_views, generator=state.generator).tolist()
+                state.view_queue = torch.randperm(self.train_data.num_views, generator=state.generator).tolist()
             view = state.view_queue.pop()
             report = model.step(view, photos.photo(view))
             elapsed = time.perf_counter() - started
@@ -180,10 +180,10 @@ class TrainingLoop:
         Returns:
             The quality; None if there are no test views.
         """
-        if self.test_views is None:
+        if self.test_data is None:
             return None
         renderer = create_renderer("cpu" if self.device.type == "cpu" else "gsplat")
-        report = assess_scene(scene, self.test_views, num_views, iteration, renderer)
+        report = assess_scene(scene, self.test_data, num_views, iteration, renderer)
         self.listener.tested(report)
         return report
 
@@ -196,5 +196,5 @@ class TrainingLoop:
             if not all(bool(torch.isfinite(value).all()) for value in state.parameters.values()):
                 raise DivergedError(state.iteration)
             model.save(options.checkpoint)
-        if options.test_interval and state.iteration % options.test_interval == 0 and self.test_views is not None:
+        if options.test_interval and state.iteration % options.test_interval == 0 and self.test_data is not None:
             self.test(model.scene(self.device), state.iteration, options.max_test_views)

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import Scene
 from splatwire.data import Dataset
 from splatwire.metrics import psnr, ssim
 from splatwire.ops.arrays import to_numpy
 from splatwire.render.base import Renderer
 from splatwire.render.render import iterate_views
+from splatwire.types.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Refines the context model of a finished scene, so that the same attributes take fewer bits.
 
-The attributes are fixed, and no picture is rendered.
+HAC++ model (causal model: `refine_causal`): the attributes are fixed, and no picture is rendered.
 """
 
 # During training, the attributes change in every iteration, and the rate is estimated from a twentieth of the anchors.

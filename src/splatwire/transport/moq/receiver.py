@@ -10,7 +10,7 @@ import numpy as np
 from splatwire.bitstream import Manifest, PacketIntake, ReadReport, SceneStream, packet_from_bytes
 from splatwire.bitstream.container import check_side_info
 from splatwire.bitstream.limits import MAX_PACKET_BYTES
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.bitstream.scene_stream import RECORD_PREFIX
 from splatwire.bitstream.tile_selection import cut_of
 from splatwire.bitstream.tiles import Tiles
@@ -207,7 +207,9 @@ class RelayReceiver:
         """
         if tiles is None or self.options.viewpoint is None:
             return list(range(len(packets_of_tracks(manifest, tiles))))
-        viewpoint = self.options.viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, manifest.schema_name))
+        viewpoint = self.options.viewpoint.relative_to(
+            ORIGIN_SECTION.of_side_info(self._side_info, manifest.schema_name)
+        )
         return list(cut_of(tiles, np.zeros(tiles.num_tiles, dtype=bool), viewpoint).wanted)
 
     async def _receive_track(self, broadcast: Any, number: int, indices: range, priority: int) -> None:

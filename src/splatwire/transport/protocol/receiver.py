@@ -7,7 +7,7 @@ import itertools
 import math
 
 from splatwire.arguments import checked
-from splatwire.bitstream.origin import AT_ZERO, ORIGIN
+from splatwire.bitstream.origin import AT_ZERO, ORIGIN_SECTION
 from splatwire.bitstream.tile_selection import BUDGET, Viewpoint
 from splatwire.errors import BitstreamError
 from splatwire.transport.protocol.collect import check_welcome, read_init_segment
@@ -573,7 +573,7 @@ class Receiver(ReceiveState):
         """Converts a viewpoint to coordinates relative to the stream's origin."""
         if self._manifest is None:
             return viewpoint.relative_to(AT_ZERO)
-        return viewpoint.relative_to(ORIGIN.of_side_info(self._side_info, self._manifest.schema_name))
+        return viewpoint.relative_to(ORIGIN_SECTION.of_side_info(self._side_info, self._manifest.schema_name))
 
     def _end_reason(self, now: float) -> str | None:
         """Returns the reason for the end of the transfer if the transfer is over, else None."""

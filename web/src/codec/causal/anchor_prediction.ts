@@ -33,7 +33,7 @@ const clip = (value: number, [low, high]: readonly number[]): number => Math.min
 
 export class AnchorPrediction {
   /**
-   * Predicted voxel of each anchor relative to the origin, by rank. The first `#numPredicted` anchors are filled in.
+   * Predicted voxel of each anchor relative to the corner, by rank. The first `#numPredicted` anchors are filled in.
    */
   #voxels = new Int32Array();
   /** Predicted logarithms of scale and sizes, and predicted log errors of features, scale and sizes. */

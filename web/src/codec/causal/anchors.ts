@@ -47,9 +47,9 @@ export function featureSteps({ groups, linearSteps }: SideInfo): number[] {
   return groups.flatMap((channels, g) => Array.from({ length: channels }, () => linearSteps[g]));
 }
 
-/** Converts voxel indices relative to the origin to world coordinates, shape (count, 3). */
-export function worldPositions(voxels: Int32Array, { positions: { origin }, voxelSize }: SideInfo): Float32Array {
-  return Float32Array.from(voxels, (voxel, at) => (voxel + origin[at % 3]) * voxelSize);
+/** Converts voxel indices relative to the corner to world coordinates, shape (count, 3). */
+export function worldPositions(voxels: Int32Array, { positions: { corner }, voxelSize }: SideInfo): Float32Array {
+  return Float32Array.from(voxels, (voxel, at) => (voxel + corner[at % 3]) * voxelSize);
 }
 
 /** Returns two to the power of `log`, which has 24 fractional bits. */

@@ -16,7 +16,7 @@ const ONE = 2 ** ACTIVATION_BITS,
 /** Decoded integers of some anchors. */
 export interface Decoded {
   readonly count: number;
-  /** Voxels relative to the origin, shape (count, 3). */
+  /** Voxels relative to the corner, shape (count, 3). */
   readonly voxels: Int32Array;
   /** Existing offsets (1) of each anchor, shape (count, offsets). */
   readonly masks: Uint8Array;
@@ -108,7 +108,7 @@ export class PacketDecoder {
         context,
         middle,
         spread,
-        positions: { origin },
+        positions: { corner },
       } = this.info;
     const widest = Math.max(this.#position.outputs, ...this.#networks.map((network) => network.outputs));
     if (this.#inputs.length < rows * this.#stride) this.#inputs = new Float64Array(rows * this.#stride);
@@ -116,7 +116,7 @@ export class PacketDecoder {
     if (this.#outputs.length < rows * widest) this.#outputs = new Float64Array(rows * widest);
     for (let n = 0; n < count; n++) {
       for (let a = 0; a < 3; a++) {
-        const u = contracted(voxels[3 * n + a] + origin[a] - middle[a], spread[a]),
+        const u = contracted(voxels[3 * n + a] + corner[a] - middle[a], spread[a]),
           at = n * inputs + a;
         this.#positionInputs[at] = u;
         for (let octave = 1; octave <= OCTAVES; octave++) {

@@ -8,9 +8,9 @@ import { decodeTree, TREE_CONTEXTS } from "../code_tree.ts";
 
 const MAX_ROWS = MAX_POSITION_BITS / 3;
 
-/** Upper bits of all anchors' positions, by rank. Coordinates are voxels relative to `origin`. */
+/** Upper bits of all anchors' positions, by rank. Coordinates are voxels relative to `corner`. */
 export interface Positions {
-  readonly origin: readonly number[];
+  readonly corner: readonly number[];
   /** Bits of a Morton code. Bit 0 belongs to x, bit 1 to y, bit 2 to z, bit 3 to x again. */
   readonly bits: number;
   /** Coordinates without the bits that are in the packets, shape (count, 3). */
@@ -31,11 +31,11 @@ export function readPositions(bytes: Uint8Array, count: number): Positions {
   if (leaf < 1 || leaf > MAX_LEAF || rows > MAX_ROWS)
     throw new BitstreamError(`positions: nodes of ${leaf} anchors, ${rows} rows of probabilities`);
   const stopProbabilities = Array.from({ length: rows + 1 }, (_, row) => reader.take(row));
-  const origin = [reader.signed(), reader.signed(), reader.signed()],
+  const corner = [reader.signed(), reader.signed(), reader.signed()],
     bits = reader.u8(),
     code = reader.rest();
-  if (bits > MAX_POSITION_BITS || bits % 3 || origin.some((value) => Math.abs(value) > MAX_COORD))
-    throw new BitstreamError(`positions: ${bits} bits or the origin are out of range`);
+  if (bits > MAX_POSITION_BITS || bits % 3 || corner.some((value) => Math.abs(value) > MAX_COORD))
+    throw new BitstreamError(`positions: ${bits} bits or the corner are out of range`);
   if (count > 8 * code.length) throw new BitstreamError(`positions: ${code.length} bytes cannot hold ${count} anchors`);
   const tree = decodeTreePositions(new RangeDecoder(code), count, bits, leaf);
   if (
@@ -43,7 +43,7 @@ export function readPositions(bytes: Uint8Array, count: number): Positions {
     stopProbabilities.some((row) => row.includes(0))
   )
     throw new BitstreamError("positions: probabilities are missing or 0");
-  return { origin, bits, stopProbabilities, ...tree };
+  return { corner, bits, stopProbabilities, ...tree };
 }
 
 type Tree = Pick<Positions, "upperBits" | "numLowBits" | "leafSize" | "leafIndex">;

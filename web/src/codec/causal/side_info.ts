@@ -84,8 +84,8 @@ export function readSideInfo(bytes: Uint8Array, count: number): SideInfo {
 }
 
 /** Throws if anchors are too far from the centre, where relative positions would no longer be exact in doubles. */
-function checkFar({ middle, spread }: Header, { origin }: Positions): void {
-  const far = middle.some((value, a) => Math.abs(origin[a] - value) > MAX_CENTRE_DISTANCE * spread[a]);
+function checkFar({ middle, spread }: Header, { corner }: Positions): void {
+  const far = middle.some((value, a) => Math.abs(corner[a] - value) > MAX_CENTRE_DISTANCE * spread[a]);
   if (far) throw new BitstreamError("side information: its anchors are too far away from the scene's middle");
 }
 

@@ -31,32 +31,32 @@ export class LostMotionPredictor {
    * used. Tracks that are born in the same group as most of the received ones are predicted from these, because
    * offsets of others refer to another time.
    */
-  predict(leftOut: Uint8Array, queryKeyframes: Int32Array): Float32Array {
+  predict(leftOut: Uint8Array, lostTracks: Int32Array): Float32Array {
     const { arrived, trackProperties, frames, birthGroups } = this,
       { arrivalIndices } = arrived,
-      out = new Float32Array(frames * NUM_CHANNELS * queryKeyframes.length),
+      out = new Float32Array(frames * NUM_CHANNELS * lostTracks.length),
       observedRows = this.completeRows.filter((row) => !leftOut[row]),
       birth = mostFrequent(observedRows.map((row) => birthGroups[arrivalIndices[row]])),
       peers = observedRows.filter((row) => birthGroups[arrivalIndices[row]] === birth),
       enough = peers.length >= NEIGHBOURS,
       caseOf = (arrivalIndex: number) =>
         enough && birthGroups[arrivalIndex] === birth ? "peers" : trackProperties.isNew(arrivalIndex) ? "new" : "old";
-    queryKeyframes.forEach((arrivalIndex, n) => {
+    lostTracks.forEach((arrivalIndex, n) => {
       if (!observedRows.length || caseOf(arrivalIndex) !== "peers")
         repeatLastOffset(trackProperties.lastOffsets, arrivalIndex, out, n * frames, frames);
     });
     for (const kind of ["peers", "new", "old"]) {
       const sources = kind === "peers" ? peers : observedRows,
-        at = Int32Array.from(queryKeyframes.keys()).filter((n) => caseOf(queryKeyframes[n]) === kind);
+        at = Int32Array.from(lostTracks.keys()).filter((n) => caseOf(lostTracks[n]) === kind);
       if (!at.length || !sources.length) continue;
       const field = this.#field(kind, sources, birth, leftOut);
       for (const n of at) {
         const own = out.subarray(n * frames * NUM_CHANNELS, (n + 1) * frames * NUM_CHANNELS);
-        if (kind === "peers") field.predict(queryKeyframes[n], own);
-        else field.addChanges(queryKeyframes[n], own);
+        if (kind === "peers") field.predict(lostTracks[n], own);
+        else field.addChanges(lostTracks[n], own);
       }
     }
-    if (observedRows.length) fadeIn(arrived, queryKeyframes, trackProperties, frames, out);
+    if (observedRows.length) fadeIn(arrived, lostTracks, trackProperties, frames, out);
     return out;
   }
 
@@ -128,14 +128,14 @@ function referenceOffsetsOf(
  */
 function fadeIn(
   arrived: TrackOffsets,
-  queryKeyframes: Int32Array,
+  lostTracks: Int32Array,
   { hasUnknownBirth }: TrackProperties,
   frames: number,
   out: Float32Array,
 ): void {
   const begins = arrived.begins.filter((_, n) => hasUnknownBirth(arrived.arrivalIndices[n]));
   if (!begins.length) return;
-  const some = Int32Array.from(queryKeyframes.keys()).filter((n) => hasUnknownBirth(queryKeyframes[n]));
+  const some = Int32Array.from(lostTracks.keys()).filter((n) => hasUnknownBirth(lostTracks[n]));
   for (let frame = 0; frame < frames; frame++) {
     const share = begins.reduce((sum, begin) => sum + Number(begin <= frame), 0) / begins.length;
     if (share === 1) return; // the share is 1 in all later frames

@@ -31,24 +31,24 @@ const NUM_METHODS = 3,
  * Estimates the motion of tracks by arrival index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
  * used.
  */
-type Interpolate = (leftOut: Uint8Array, queryKeyframes: Int32Array) => Float32Array;
+type Interpolate = (leftOut: Uint8Array, lostTracks: Int32Array) => Float32Array;
 /** Returns the first frame and the end frame of a track, as expected without its motion. */
 type Lifetime = (arrivalIndex: number) => readonly [number, number];
 
 /**
- * Chooses for each track the method with the lowest error on the nearby received tracks. `queryKeyframes` are the
- * keyframe indices of the tracks. `order` lists the rows of `arrived` by ascending track.
+ * Chooses for each track the method with the lowest error on the nearby received tracks. `lostTracks` are
+ * arrival indices. `order` lists the rows of `arrived` by ascending track.
  */
 export function select(
   arrived: TrackOffsets,
   order: Int32Array,
-  queryKeyframes: Int32Array,
+  lostTracks: Int32Array,
   frames: number,
   trackProperties: TrackProperties,
   interpolate: Interpolate,
   lifetime: Lifetime,
 ): Uint8Array {
-  const found = new Uint8Array(queryKeyframes.length),
+  const found = new Uint8Array(lostTracks.length),
     stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
     tested = order.filter((_, n) => n % stride === 0);
   const folds = Math.ceil(MAX_SHARE / stride),
@@ -64,7 +64,7 @@ export function select(
         positionsOf(splats, arrivalIndices, lastOffsets, (n) => arrivalIndices[n]),
         MIN_TESTS,
       );
-    queryKeyframes.forEach((arrivalIndex, n) => {
+    lostTracks.forEach((arrivalIndex, n) => {
       if (isNew(arrivalIndex) !== isNewTrack) return;
       const sums = [0, 0, 0];
       for (const near of nearest(tree, lastPlace(arrivalIndex)))

@@ -318,43 +318,43 @@ export class Sequence implements SequenceDecoder {
       { firstNew, numBirths, numMotionTracks } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
-      uncoveredKeyframes: number[] = [];
+      uncoveredTracks: number[] = [];
     for (let arrivalIndex = 0; arrivalIndex < keyframes.count; arrivalIndex++) {
       if (covered[arrivalIndex]) continue;
       const track = keyframes.tracks[arrivalIndex],
         isNew = track >= firstNew && track < firstNew + numBirths;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[arrivalIndex] : track < firstNew)))
-        uncoveredKeyframes.push(arrivalIndex);
+        uncoveredTracks.push(arrivalIndex);
     }
-    const found = appendUncovered(received, uncoveredKeyframes, frames, numMotionTracks > 0),
+    const found = appendUncovered(received, uncoveredTracks, frames, numMotionTracks > 0),
       numReceived = received.arrivalIndices.length,
       hidden = new Uint8Array(found.arrivalIndices.length),
       batches = [...received.batches];
-    uncoveredKeyframes.forEach((arrivalIndex, n) => {
+    uncoveredTracks.forEach((arrivalIndex, n) => {
       [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(arrivalIndex, group);
     });
     let gains: Float32Array | null = null;
-    if (numMotionTracks && uncoveredKeyframes.length) {
+    if (numMotionTracks && uncoveredTracks.length) {
       const trackProperties = this.#trackProperties(before, group),
         { lastOffsets } = trackProperties,
-        offsets = byTrack(batches, numReceived, uncoveredKeyframes.length, frames),
+        offsets = byTrack(batches, numReceived, uncoveredTracks.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
         arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
         methods =
           concealer === "motion"
-            ? this.#interpolate(arrived, Int32Array.from(uncoveredKeyframes), trackProperties, group, out)
-            : new Uint8Array(uncoveredKeyframes.length).fill(concealer === "drop" ? HIDDEN : HELD);
+            ? this.#interpolate(arrived, Int32Array.from(uncoveredTracks), trackProperties, group, out)
+            : new Uint8Array(uncoveredTracks.length).fill(concealer === "drop" ? HIDDEN : HELD);
       methods.forEach((method, n) => {
-        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, uncoveredKeyframes[n], out, n * frames, frames);
+        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, uncoveredTracks[n], out, n * frames, frames);
         hidden[numReceived + n] = Number(method === HIDDEN);
       });
-      batches.push({ count: uncoveredKeyframes.length, offsets: transposed(out, uncoveredKeyframes.length, frames) });
+      batches.push({ count: uncoveredTracks.length, offsets: transposed(out, uncoveredTracks.length, frames) });
       if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
     } else
       batches.push({
-        count: uncoveredKeyframes.length,
-        offsets: new Float32Array(uncoveredKeyframes.length * NUM_CHANNELS),
+        count: uncoveredTracks.length,
+        offsets: new Float32Array(uncoveredTracks.length * NUM_CHANNELS),
       });
     return {
       ...found,
@@ -383,7 +383,7 @@ export class Sequence implements SequenceDecoder {
   /** Selects a method to cover each lost track. Writes the motion of tracks that are moved. */
   #interpolate(
     received: TrackOffsets,
-    uncoveredKeyframes: Int32Array,
+    uncoveredTracks: Int32Array,
     trackProperties: TrackProperties,
     group: number,
     out: Float32Array,
@@ -396,11 +396,11 @@ export class Sequence implements SequenceDecoder {
       predictor = new LostMotionPredictor(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
       interpolate = predictor.predict.bind(predictor),
       lifetime = (arrivalIndex: number) => this.#lifetime(arrivalIndex, group),
-      methods = select(received, order, uncoveredKeyframes, frames, trackProperties, interpolate, lifetime),
-      moving = rowsWhere(uncoveredKeyframes.length, (n) => methods[n] === INTERPOLATED),
+      methods = select(received, order, uncoveredTracks, frames, trackProperties, interpolate, lifetime),
+      moving = rowsWhere(uncoveredTracks.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
         new Uint8Array(arrivalIndices.length),
-        moving.map((n) => uncoveredKeyframes[n]),
+        moving.map((n) => uncoveredTracks[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
     return methods;

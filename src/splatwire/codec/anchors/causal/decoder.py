@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from splatwire.bitstream import Manifest
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.anchors.anchor_codec import AnchorDecoder
 from splatwire.codec.anchors.causal.context import (
     VALUE_BITS,
@@ -16,7 +16,7 @@ from splatwire.codec.anchors.causal.context import (
 )
 from splatwire.codec.anchors.causal.packet_coder import anchor_rows, decode_packets, predict_from_positions
 from splatwire.codec.anchors.causal.side_info import LOG_BITS, SideInfo, read_side_info
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.fixed_point import ACTIVATION_BITS
 from splatwire.codec.memory import check_memory
 from splatwire.codec.metadata import read_metadata
@@ -45,7 +45,7 @@ POSITION_BYTES = 32
 
 
 def _num_values(config: CausalConfig) -> int:
-    """Returns the number of coded values of an anchor."""
+    """Returns the number of decoded values of an anchor."""
     return config.layout.feature_dim + 6 + 3 * config.layout.num_offsets
 
 
@@ -145,7 +145,7 @@ class CausalDecoder(AnchorDecoder):
         ranks = batch.indices
         voxels, mask, quantised = np.split(rows[0], [3, 3 + self._num_offsets], axis=1)
         self._received[ranks], self._mask[ranks] = True, mask
-        self._positions[ranks] = self._positions_of(voxels + self._info.positions.known.origin)
+        self._positions[ranks] = self._positions_of(voxels + self._info.positions.known.corner)
         for name, values in self._attributes(quantised).items():
             self._values[name][ranks] = values
 
@@ -176,8 +176,8 @@ class CausalDecoder(AnchorDecoder):
             anchors,
             heads,
             self._coding(),
-            background=BACKGROUND.read(info.sections),
-            origin=ORIGIN.read(info.sections),
+            background=BACKGROUND_SECTION.read(info.sections),
+            origin=ORIGIN_SECTION.read(info.sections),
             metadata=read_metadata(info.sections),
         )
         sections = concealer_sections(info.sections)

@@ -144,7 +144,7 @@ class CausalEncoder:
     def __init__(self, scene: AnchorScene, info: SideInfo, voxels: np.ndarray) -> None:
         anchors, groups, positions = scene.anchors, info.config.layout.feature_groups, info.positions.known
         self._context = CodingContext.of(info)
-        self._positions = replace(positions, codes=morton_encode(voxels - positions.origin))
+        self._positions = replace(positions, codes=morton_encode(voxels - positions.corner))
         self._offset_scale_step = float(info.steps_of_logs[0]) * 2.0**-LOG_BITS
         self._masks = anchors.mask.astype(np.uint8)
         logs = np.log2(anchors.scalings.astype(np.float64)[:, _LOG_SCALINGS]) * 2.0**LOG_BITS - info.zero_points

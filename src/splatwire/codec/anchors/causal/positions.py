@@ -6,7 +6,7 @@ import numpy as np
 
 from splatwire.bitstream.limits import MAX_COORD, MAX_LEAF, MAX_POSITION_BITS
 from splatwire.codec.anchors.causal import _position_kernels as kernels
-from splatwire.codec.geometry import origin_of
+from splatwire.codec.geometry import corner_of
 from splatwire.entropy.coder import fresh_models
 from splatwire.errors import BitstreamError
 from splatwire.files.byte_io import ByteReader, ByteWriter
@@ -18,26 +18,26 @@ PROBABILITY_ONE = 256
 
 @dataclass(frozen=True, eq=False)
 class AnchorPositions:
-    """Positions of N anchors in coding order; the lowest bits of a position may be only estimated.
+    """Positions of N anchors.
 
     Attributes:
-        origin: Voxel that the Morton codes are relative to, int64 (3).
-        codes: Morton codes, ascending, int64 (N); low bits that only packets contain are estimated.
+        corner: Voxel that the Morton codes are relative to, int64 (3).
+        codes: Morton codes, int64 (N); low bits may be estimated.
         num_low_bits: Number of low bits of each code that only packets contain, int64 (N).
     """
 
-    origin: np.ndarray
+    corner: np.ndarray
     codes: np.ndarray
     num_low_bits: np.ndarray
 
     @property
     def voxels(self) -> np.ndarray:
         """Positions of the anchors, in units of voxels, int64 (N, 3)."""
-        return morton_decode(self.codes) + self.origin
+        return morton_decode(self.codes) + self.corner
 
     def select(self, ranks: np.ndarray) -> "AnchorPositions":
         """Returns the positions of the anchors with the given indices, int64 (n)."""
-        return AnchorPositions(self.origin, self.codes[ranks], self.num_low_bits[ranks])
+        return AnchorPositions(self.corner, self.codes[ranks], self.num_low_bits[ranks])
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,8 @@ class CoarsePositions:
 
     Attributes:
         section: Section of the side information with the high bits, serialised.
-        known: Positions of all anchors as known from the side information; the low bits are estimated.
+        known: Positions of all anchors in coding order, as known from the side information: low bits are estimated, and
+            codes are ascending.
         low_bit_probabilities: Probabilities for coding the low bits, int64 (T + 1, T + 1), in units of 1/256. The low
             bits of a Morton code are divided into at most T triples of one bit per axis; triple 0 has the lowest bits.
             Row u applies to codes with u triples in their packets. Entry (u, t) is the probability that triple t is not
@@ -73,11 +74,11 @@ def encode_coarse_positions(voxels: np.ndarray, max_leaf: int) -> CoarsePosition
         ValueError: If the points span 2**21 voxels or more.
     """
     # With larger leaves, more bits are in packets.
-    origin = origin_of(voxels)
-    codes = np.sort(morton_encode(voxels - origin))
-    tree = _encode_tree(codes, origin, max_leaf)
-    shared = _decode_tree(tree, len(voxels), max_leaf)
-    num_triples, lowest = lowest_triples(codes, shared.num_low_bits)
+    corner = corner_of(voxels)
+    codes = np.sort(morton_encode(voxels - corner))
+    tree = _encode_tree(codes, corner, max_leaf)
+    known = _decode_tree(tree, len(voxels), max_leaf)
+    num_triples, lowest = lowest_triples(codes, known.num_low_bits)
     num_rows, writer = int(num_triples.max(initial=0)), ByteWriter()
     writer.u8(max_leaf)
     writer.u8(num_rows)
@@ -89,12 +90,12 @@ def encode_coarse_positions(voxels: np.ndarray, max_leaf: int) -> CoarsePosition
     return read_coarse_positions(writer.bytes() + tree, len(voxels))
 
 
-def _encode_tree(codes: np.ndarray, origin: np.ndarray, max_leaf: int) -> bytes:
+def _encode_tree(codes: np.ndarray, corner: np.ndarray, max_leaf: int) -> bytes:
     bits = -(-(int(codes[-1]).bit_length() if len(codes) else 0) // 3) * 3
     buffer = np.zeros(4 * len(codes) + 16 * MAX_AXIS_BITS, dtype=np.uint8)
     length = kernels.encode_tree(codes, bits, max_leaf, fresh_models(kernels.NUM_CONTEXTS), buffer)
     writer = ByteWriter()
-    for value in origin:
+    for value in corner:
         writer.signed(int(value))
     writer.u8(bits)
     # at least one bit per anchor, so that decoders can bound their memory by the number of bytes
@@ -103,17 +104,17 @@ def _encode_tree(codes: np.ndarray, origin: np.ndarray, max_leaf: int) -> bytes:
 
 def _decode_tree(data: bytes, count: int, max_leaf: int) -> AnchorPositions:
     reader = ByteReader(data, "positions")
-    origin = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
+    corner = np.array([reader.signed() for _ in range(3)], dtype=np.int64)
     bits = reader.u8()
-    if bits > MAX_POSITION_BITS or bits % 3 or np.abs(origin).max() > MAX_COORD:
-        raise BitstreamError(f"positions: impossible extent of {bits} bits at {origin.tolist()}")
+    if bits > MAX_POSITION_BITS or bits % 3 or np.abs(corner).max() > MAX_COORD:
+        raise BitstreamError(f"positions: impossible extent of {bits} bits at {corner.tolist()}")
     code = reader.rest()
     if count > 8 * len(code):
         raise BitstreamError(f"positions: {len(code)} bytes cannot hold {count} anchors")
     codes, num_low_bits = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
     models = fresh_models(kernels.NUM_CONTEXTS)
     kernels.decode_tree(np.frombuffer(code, dtype=np.uint8), bits, max_leaf, models, codes, num_low_bits)
-    return AnchorPositions(origin, codes, num_low_bits)
+    return AnchorPositions(corner, codes, num_low_bits)
 
 
 def lowest_triples(codes: np.ndarray, num_low_bits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -155,8 +156,8 @@ def read_coarse_positions(section: bytes, num_anchors: int) -> CoarsePositions:
     low_bit_probabilities = np.zeros((rows + 1, rows + 1), dtype=np.int64)
     for row in range(1, rows + 1):
         low_bit_probabilities[row, :row] = np.frombuffer(reader.take(row), dtype=np.uint8)
-    shared = _decode_tree(reader.rest(), num_anchors, max_leaf)
-    missing = int((shared.num_low_bits.max(initial=0) + 2) // 3)
+    known = _decode_tree(reader.rest(), num_anchors, max_leaf)
+    missing = int((known.num_low_bits.max(initial=0) + 2) // 3)
     if missing > rows or not low_bit_probabilities[np.tril_indices(rows + 1, -1)].all():
         raise BitstreamError(f"positions: no probabilities for {missing} triples of bits among {rows} rows")
-    return CoarsePositions(section, shared, low_bit_probabilities)
+    return CoarsePositions(section, known, low_bit_probabilities)

@@ -175,7 +175,7 @@ def _problem(info: SideInfo) -> str | None:
         return f"sizes around {info.zero_points.tolist()}"
     if not ((info.spread > 0).all() and (info.spread <= MAX_COORD).all() and np.abs(info.middle).max() <= MAX_COORD):
         return f"a scene {info.spread.tolist()} voxels around {info.middle.tolist()}"
-    distances = np.abs(info.positions.known.origin - info.middle).tolist()
+    distances = np.abs(info.positions.known.corner - info.middle).tolist()
     if any(
         distance > MAX_CENTRE_DISTANCE * spread
         for distance, spread in zip(distances, info.spread.tolist(), strict=True)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatwire.bitstream.origin import ORIGIN
+from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.anchors.hacpp.atomic import Symbols
 from splatwire.codec.anchors.hacpp.coding_params import (
     CodingContext,
@@ -15,7 +15,7 @@ from splatwire.codec.anchors.hacpp.coding_params import (
 )
 from splatwire.codec.anchors.hacpp.separated import SECTION as MASKS
 from splatwire.codec.anchors.hacpp.side_info import SideInfo
-from splatwire.codec.background import BACKGROUND
+from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.fixed_point import ACTIVATION_BITS, FACTOR_BITS, OUTPUT_BITS
 from splatwire.codec.metadata import read_metadata
 from splatwire.codec.named_sections import concealer_sections
@@ -120,13 +120,13 @@ def assemble_scene(info: SideInfo, arrays: DecodedArrays) -> ReceivedScene[Ancho
     )  # fmt: skip
     heads = GaussianHeads(*(network_of(head) for head in info.heads))
     model = HacppContextModel(_grid(info), network_of(info.prior), tuple(network_of(mlp) for mlp in info.channel))
-    background = BACKGROUND.read(info.sections)
+    background = BACKGROUND_SECTION.read(info.sections)
     scene = AnchorScene(
         anchors,
         heads,
         HacppCoding(model, info.voxel_size, info.config),
         background=background,
-        origin=ORIGIN.read(info.sections),
+        origin=ORIGIN_SECTION.read(info.sections),
         metadata=read_metadata(info.sections),
     )
     loss_mask = LossMask(arrays.received)

@@ -13,7 +13,7 @@ from splatwire.bitstream import Manifest, Packet, PacketId, PacketIntake
 from splatwire.sequence import waiting_events
 from splatwire.sequence.decoding import SequenceFrame
 from splatwire.sequence.live_decoder import LiveDecoder, frames_of_events
-from splatwire.sequence.live_frames import LiveFrames
+from splatwire.sequence.live_frame_writer import LiveFrameWriter
 from splatwire.sequence.waiting_events import OBJECT_BYTES, WaitingEvents
 from splatwire.transport import Event, PacketArrived, SideInfoArrived, StreamReplaced, Welcomed
 
@@ -47,9 +47,9 @@ def test_packets_are_dropped_with_a_warning_if_frames_are_written_too_slowly(
         going_on.wait()
         written.extend(iter(events.get, None))
 
-    monkeypatch.setattr("splatwire.sequence.written_frames.write_live_frames", write)
+    monkeypatch.setattr("splatwire.sequence.frame_writer.write_live_frames", write)
     monkeypatch.setattr(waiting_events, "MAX_WAITING_BYTES", 10 * SIZE)
-    with LiveFrames(tmp_path / "frames", None, lambda *_: None) as live:
+    with LiveFrameWriter(tmp_path / "frames", None, lambda *_: None) as live:
         for event in (Welcomed(1, 1, is_live=True), *[PACKET] * 1000):
             live.on_event(event)
         live.on_event(HEAD)

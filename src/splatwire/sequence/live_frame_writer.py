@@ -13,7 +13,7 @@ from splatwire.transport import Event, Welcomed
 LOG = logging.getLogger(__name__)
 
 
-class LiveFrames:
+class LiveFrameWriter:
     """Decodes a live stream during reception, and writes one file per frame.
 
     If decoding and writing are slower than the stream for minutes, packets are dropped, and a warning is logged.
@@ -67,7 +67,7 @@ class LiveFrames:
         if self._error is not None:
             raise self._error
 
-    def __enter__(self) -> "LiveFrames":
+    def __enter__(self) -> "LiveFrameWriter":
         return self
 
     def __exit__(
@@ -76,7 +76,7 @@ class LiveFrames:
         self._waiting.end()
 
     def _work(self) -> None:
-        from splatwire.sequence.written_frames import write_live_frames  # takes a second; packets arrive meanwhile
+        from splatwire.sequence.frame_writer import write_live_frames  # takes a second; packets arrive meanwhile
 
         try:
             write_live_frames(self._waiting, self._folder, self._concealer, self._show_progress)
