@@ -345,12 +345,23 @@ def lossy_clips(
         yield path, shown
 
 
-def test_typescript_tables_equal_the_python_tables() -> None:
-    spec = importlib.util.spec_from_file_location("make_tables", WEB / "scripts" / "make_tables.py")
+def web_script(name: str) -> Any:
+    """Imports a script of `web/scripts`."""
+    spec = importlib.util.spec_from_file_location(name, WEB / "scripts" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
-    made = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(made)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_typescript_weights_equal_the_python_weights() -> None:
+    made = web_script("make_weights")
+    assert made.TARGET.read_text() == made.module(), "run web/scripts/make_weights.py"
+
+
+def test_typescript_tables_equal_the_python_tables() -> None:
+    made = web_script("make_tables")
     for name, module in made.FILES.items():
         assert (made.SOURCES / name).read_text() == module(), f"run web/scripts/make_tables.py: {name} is old"
 
