@@ -227,6 +227,8 @@ def test_the_name_of_a_camera_is_no_statement_about_axes(capture, caplog):
         ("distortion_model", "equidistant"),
         ("lens_mode", "OpenCVFisheye"),
         ("projection_mode", "orthographic"),
+        ("camera_type", "ORTHO"),
+        ("camera_type", "PANO"),
         ("is_ortho", True),
         ("camera", {"model": "OPENCV_FISHEYE", "k1": 0}),
         ("camera", {"id": 1, "k1": 0.1}),

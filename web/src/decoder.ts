@@ -397,7 +397,7 @@ function frameOf({ decoder }: DecodedStream, { frame, concealer = "drop" }: Opti
 }
 
 /** Camera of the options. The default camera is for explicit Gaussians, which do not depend on the view. */
-const cameraOf = ({ camera }: Options): Camera => (camera ? { margin: 0, ...camera } : ANY_CAMERA);
+const cameraOf = ({ camera }: Options): Camera => (camera ? { ...camera, margin: camera.margin ?? 0 } : ANY_CAMERA);
 
 const updateOf = (received: DecodedStream, gaussians: Gaussians, replaces: boolean): ReceivedUpdate => ({
   ...progressOf(received),

@@ -127,6 +127,8 @@ test("an invalid camera is refused with what it needs, and the margin may be abs
     { ...camera, viewmat: [[NaN, 0, 0, 0], viewmat[1], viewmat[2]] },
     { ...camera, width: 0 },
     { viewmat, width: 64, height: 48 },
+    { ...camera, width: undefined },
+    { ...camera, margin: -1 },
   ];
   for (const one of wrong) {
     const options = { camera: one } as unknown as { camera: typeof camera };

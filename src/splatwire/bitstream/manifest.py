@@ -28,6 +28,7 @@ from splatwire.bitstream.packetization import Packetization
 from splatwire.bitstream.plan import PacketPlan
 from splatwire.bitstream.tiers import TierCounts, check_gop_tiers
 from splatwire.errors import BitstreamError, InvalidValueError, UnknownNameError, UnsupportedVersionError
+from splatwire.lazy_names import renamed_attributes
 
 _LAYOUT_FIELDS = ("feature_dim", "num_offsets", "feature_groups")
 
@@ -98,6 +99,8 @@ class Manifest:
             raise InvalidValueError(f"writer must be at most {MAX_WRITER_LENGTH} printable ASCII characters")
         check_gop_tiers(self.tiers, timed=self.schema.timed)
         self._check_num_packets()
+
+    __getattr__ = renamed_attributes("Manifest", {"codec": "schema_name"})
 
     @property
     def schema(self) -> StreamSchema:

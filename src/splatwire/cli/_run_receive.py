@@ -65,8 +65,8 @@ def run(command: Receive) -> None:
         def on_event(event: Event) -> None:
             if isinstance(event, Welcomed) and event.is_live and command.explicit:
                 raise InvalidValueError(
-                    f"{url} is a live clip, which {command.output} is no name for: name a folder for its frames, or a "
-                    f"{FILE_SUFFIX} file"
+                    f"{url} is a live clip, whose frames cannot be written to {command.output}: name a folder for "
+                    f"them, or a {FILE_SUFFIX} file"
                 )
             moments.on_event(event, show)
             live.on_event(event)

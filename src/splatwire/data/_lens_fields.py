@@ -18,7 +18,8 @@ _NAMED = re.compile(
 )
 """Pattern of the names of flags for a lens or projection, such as `is_fisheye`."""
 _WIDE = re.compile(
-    r"fish[-_ ]?eye|equirect|panoram|spherical|omnidi|lat[-_ ]?long|ortho[-_ ]?(?:gra|photo)|cube[-_ ]?map|cylindric"
+    r"fish[-_ ]?eye|equirect|panoram|\bpano\b|spherical|omnidi|lat[-_ ]?long|\bortho\b|ortho[-_ ]?(?:gra|photo)"
+    r"|cube[-_ ]?map|cylindric"
     r"|equi[-_ ]?(?:distan|solid)|stereograph|kannala|\bkb[-_ ]?[48]\b|f[-_ ]?theta|double[-_ ]?sphere"
     r"|\beucm\b|\bmei\b",
     re.I,

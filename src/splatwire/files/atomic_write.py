@@ -67,8 +67,8 @@ def _atomic_output(
     Args:
         target: Path of the output.
         parents: True to create missing parent folders.
-        merge: Function that moves the files of the new folder into a folder that another program has filled in the
-            meantime; None to replace that folder.
+        merge: Function that moves the files of the new folder into a folder that another program has made or filled
+            in the meantime; None to replace that folder.
     """
     goal = _resolved_target(path_of(target))
     if parents:

@@ -145,7 +145,7 @@ NERFSTUDIO_RESULTS = Kind("nerfstudio results", "a results folder of nerfstudio"
 WITHOUT_GAUSSIANS = Kind(
     "no gaussians",
     "a model folder without Gaussians",
-    "the file point_cloud/iteration_NUMBER/point_cloud.ply of 3DGS is read, which is missing or empty",
+    "the file point_cloud/iteration_NUMBER/point_cloud.ply of 3DGS is read, which is missing or has no Gaussians",
 )
 HACPP = Kind("hacpp", "a model folder of HAC++ or Scaffold-GS", "`import hacpp` and `import scaffold` read it")
 DATASET = Kind("dataset", "a folder of posed photos", "`train` reads it, and `--data` of other verbs")

@@ -567,6 +567,18 @@ def test_unclear_antialiasing_of_many_primitives_gives_few_warnings(
     assert 0 < caplog.text.count("is not understood") < 10
 
 
+def test_unclear_antialiasing_of_the_last_of_many_primitives_gives_a_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    document, binary = document_of(glb(some_splats(20, 0)))
+    first = document["meshes"][0]["primitives"][0]
+    extras = [*({"a": str(n)} for n in range(10)), {"antialiased": "maybe"}]
+    document["meshes"][0]["primitives"] = [{**first, "extras": fields} for fields in extras]
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary))
+    assert not is_antialiased(tmp_path / "a.glb")
+    assert caplog.text.count("is not understood") == 1
+
+
 def test_primitives_that_disagree_about_antialiasing_give_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

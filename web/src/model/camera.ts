@@ -34,10 +34,13 @@ export interface FixedCamera {
 
 /**
  * Throws `TypeError` for a camera whose matrix is no list of rows, such as the 16 numbers of three.js, or without the
- * other numbers.
+ * other numbers. `width` is used for a camera without one.
  */
-export function checkCamera(camera: FixedCamera & { readonly margin?: number | undefined }): void {
-  const { viewmat, focal, height, width = 1, margin = 0 } = camera ?? {},
+export function checkCamera(
+  camera: FixedCamera & { readonly margin?: number | undefined },
+  defaultWidth?: number,
+): void {
+  const { viewmat, focal, height, width = defaultWidth, margin = 0 } = camera ?? {},
     rows = Array.from((viewmat as unknown as ArrayLike<ArrayLike<number>> | undefined) ?? []);
   if (
     ![3, 4].includes(rows.length) ||
@@ -46,6 +49,8 @@ export function checkCamera(camera: FixedCamera & { readonly margin?: number | u
     throw new TypeError(
       "the `viewmat` of a camera is three or four rows of four numbers, from the world to the camera",
     );
-  if (![focal, height, width].every((size) => Number.isFinite(size) && size > 0) || !(margin >= 0))
-    throw new TypeError("`focal`, `width` and `height` of a camera are positive numbers of pixels");
+  if (![focal, height, width].every((size) => Number.isFinite(size) && size! > 0) || !(margin >= 0))
+    throw new TypeError(
+      "`focal`, `width` and `height` of a camera are positive numbers of pixels, and `margin` is not negative",
+    );
 }

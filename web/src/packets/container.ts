@@ -33,6 +33,11 @@ export function isManifestDamaged(firstBytes: Uint8Array): boolean {
   return end <= firstBytes.length && !isIntactManifest(firstBytes.subarray(PREFIX, end));
 }
 
+/** Returns true if the first bytes of two files differ only in the length of the manifest: one is damaged. */
+export function differsInLengthOnly(firstBytes: Uint8Array, others: Uint8Array): boolean {
+  return firstBytes.every((byte, n) => byte === others[n] || (n >= PREFIX - 4 && n < PREFIX));
+}
+
 /** Returns the bytes of a file before its first packet. */
 export function fileHead(manifest: Uint8Array, sideInfo: Uint8Array): Uint8Array {
   const bytes = new Uint8Array(PREFIX + manifest.length + sideInfo.length);

@@ -258,7 +258,7 @@ export class SplatWire extends Base {
    * element is removed.
    */
   async picture(camera: FixedCamera): Promise<string> {
-    checkCamera(camera);
+    checkCamera(camera, 1);
     return this.#running.picture(camera);
   }
 

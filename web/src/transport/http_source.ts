@@ -1,7 +1,7 @@
 // Reliable source of a stream: its file, over HTTP or embedded in the page. Packets are delivered on arrival.
 
 import { BitstreamError } from "../bytes.ts";
-import { isManifestDamaged, isStream } from "../packets/container.ts";
+import { differsInLengthOnly, isManifestDamaged, isStream } from "../packets/container.ts";
 import type { Listener } from "./events.ts";
 import { HttpError } from "./http_error.ts";
 import { type Answer, type HttpFile, PastEnd, RangeUnsupported, readRange } from "./http_file.ts";
@@ -106,7 +106,7 @@ async function compare(file: HttpFile, listener: Listener, store: PacketStore): 
     throw new Damaged(reason, { cause: new BitstreamError(reason) });
   }
   if (!store.isSame(bytes)) {
-    if (!isManifestDamaged(bytes)) throw new FileReplaced();
+    if (!isManifestDamaged(bytes) && !differsInLengthOnly(bytes, stored)) throw new FileReplaced();
     const reason = "the manifest is damaged";
     throw new Damaged(reason, { cause: new BitstreamError(reason) });
   }

@@ -223,8 +223,8 @@ export class Transfer {
    * datagram before the stream delivers what precedes it.
    */
   #isOfEarlierSegment(isDatagram: boolean): boolean {
-    if (!this.welcome || !this.#welcomeOnStream) return false;
     if (isDatagram) return this.#isGrown;
+    if (!this.welcome || !this.#welcomeOnStream) return false;
     return hex(this.#welcomeOnStream.digest) !== hex(this.welcome.digest);
   }
 

@@ -34,7 +34,12 @@ from splatwire.io.formats._columns import (
 from splatwire.io.formats._files import FileBytes, is_in_folder_of, warn_of_bytes_outside
 from splatwire.io.formats._gltf_nodes import VISIBILITY, Instance, entry, shown_instances
 from splatwire.io.formats.content import FileContent, origin_of_placed
-from splatwire.io.formats.ply_comments import fields_as_comments, states_antialiasing, warn_of_unclear_antialiasing
+from splatwire.io.formats.ply_comments import (
+    fields_as_comments,
+    is_antialiasing_unclear,
+    states_antialiasing,
+    warn_of_unclear_antialiasing,
+)
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
 from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
@@ -215,7 +220,7 @@ class _Gltf:
             for index, primitives in primitives_by_mesh.items()
             for primitive in primitives
         }
-        for fields in sorted(stated_fields)[:_MAX_WARNED]:
+        for fields in sorted(filter(is_antialiasing_unclear, stated_fields))[:_MAX_WARNED]:
             warn_of_unclear_antialiasing(self._path, fields, "field")
         answers = {states_antialiasing(fields) for fields in stated_fields}
         if len(answers) > 1:

@@ -73,6 +73,14 @@ def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str], kind: str 
             )
 
 
+def is_antialiasing_unclear(comments: Iterable[str]) -> bool:
+    """Returns True if comments on antialiasing cannot be parsed, or contradict each other."""
+    settings = [(comment, _antialiasing_setting(comment)) for comment in comments]
+    if {True, False} <= {setting for _, setting in settings}:
+        return True
+    return any(setting is None and _ABOUT.search(comment) for comment, setting in settings)
+
+
 def fields_as_comments(fields: object) -> list[str]:
     """Returns the fields of a JSON object that are text, numbers or flags in the form of comments: `name: value`.
 

@@ -94,7 +94,7 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
     visited = statistics.visits > min_views
     transparent = visited & (statistics.opacity_sum < rules.min_opacity * statistics.visits)
     mostly_transparent = int(transparent.sum()) > _MAX_TRANSPARENT_SHARE * int(visited.sum())
-    # In the first iterations, however short the training, transparent anchors may still take shape.
+    # Before `first_pruning`, however short the training, transparent anchors may still take shape.
     is_early = state.iteration < rules.first_pruning
     if mostly_transparent and not is_early and 2 * state.iteration > config.milestones.growth_end:
         raise DivergedError(state.iteration, "every anchor has become transparent")

@@ -46,7 +46,6 @@ def is_loopback(host: str) -> bool:
         return plain == "localhost" or plain.endswith(".localhost")
 
 
-@functools.lru_cache(maxsize=64)
 def listens_on_loopback(host: str) -> bool:
     """Returns True if a server that listens on a host is reachable from this machine only.
 
@@ -57,9 +56,14 @@ def listens_on_loopback(host: str) -> bool:
     if not host or is_loopback(host):
         return bool(host)
     try:
-        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
-    except (OSError, UnicodeError):
+        return _resolves_to_loopback(host)
+    except (OSError, UnicodeError):  # not cached, because it may be temporary
         return False
+
+
+@functools.lru_cache(maxsize=64)
+def _resolves_to_loopback(host: str) -> bool:
+    found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
     return bool(found) and all(is_loopback(str(address[0])) for *_, address in found)
 
 
