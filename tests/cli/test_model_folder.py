@@ -105,6 +105,22 @@ def test_study_reads_the_gaussians_of_a_model_folder(model, run, tmp_path):
     assert done.json["num_computed"] == 1
 
 
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [((), "looks like a model folder without Gaussians"), (("opacity_mlp.pt",), "splatwire import scaffold")],
+)
+def test_study_names_the_kind_of_a_model_folder_that_it_cannot_use(run, tmp_path, files, message):
+    folder = tmp_path / "model" / "point_cloud" / "iteration_7000"
+    folder.mkdir(parents=True)
+    for name in files:
+        (folder / name).touch()
+    (tmp_path / "one.toml").write_text(PROTOCOL)
+    done = run("study", tmp_path / "one.toml", "-o", tmp_path / "out", "--scene", tmp_path / "model")
+    assert done.status == 2
+    assert message in done.err
+    assert not (tmp_path / "out" / "store").exists()
+
+
 @pytest.mark.needs_torch
 @pytest.mark.parametrize("kind", ["hacpp", "scaffold"])
 def test_neural_importers_name_the_kind_of_the_folder(run, model, tmp_path, kind):

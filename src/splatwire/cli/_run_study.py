@@ -24,7 +24,7 @@ from splatwire.evaluation.study import (
     write_size_outputs,
 )
 from splatwire.evaluation.study.slurm_options import SlurmOptions
-from splatwire.files.kinds import MODEL_3DGS, file_kind
+from splatwire.files.kinds import HACPP, WITHOUT_GAUSSIANS, file_kind, format_error
 from splatwire.files.names import real_path
 
 BUNDLED = "bundled"
@@ -90,16 +90,33 @@ def _replaced_scene(command: StudyCommand) -> SceneEntry | None:
     for path in (source, command.photos, cameras, command.weights):
         if path is not None and not path.exists():
             raise InvalidValueError(f"{path} does not exist")
-    has_networks = (source / "point_cloud").is_dir() and file_kind(source) is not MODEL_3DGS
-    kind = "model" if has_networks else "stream" if is_stream(source) else "scene"
     return SceneEntry(
         name=source.name if source.is_dir() else source.stem,
         source=real_path(source),
-        kind=kind,
+        kind=_kind_of(source),
         photos=command.photos,
         cameras=cameras,
         weights=real_path(command.weights) if command.weights else None,
     )
+
+
+def _kind_of(source: Path) -> str:
+    """Returns the kind of a scene for `SceneEntry.kind`.
+
+    Raises:
+        InvalidValueError: If the scene is a model folder without Gaussians, or one of Scaffold-GS.
+    """
+    if (kind := file_kind(source)) is WITHOUT_GAUSSIANS:
+        raise InvalidValueError(format_error(source, "a stream, scene file or model folder with a scene"))
+    if kind is not HACPP:
+        return "stream" if is_stream(source) else "scene"
+    # Folders of HAC++ and Scaffold-GS are told apart by this file: Scaffold-GS writes its networks as `*_mlp.pt`.
+    if not any(source.glob("point_cloud/iteration_*/checkpoint.pth")):
+        raise InvalidValueError(
+            f"{source}: has no checkpoint.pth, in which HAC++ writes its networks; a model of Scaffold-GS becomes a "
+            "scene file with `splatwire import scaffold`"
+        )
+    return "model"
 
 
 def _print_result(command: StudyCommand, result: StudyResult, files: dict[str, Path]) -> None:

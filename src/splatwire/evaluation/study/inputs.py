@@ -24,7 +24,7 @@ from splatwire.codec.registry import schema_named
 from splatwire.concealment import conceal_if_received, concealer_names, create_concealer
 from splatwire.concealment.registry import why_unfit
 from splatwire.concealment.temporal.concealers import temporal_concealer_names
-from splatwire.data import load_cameras, save_cameras
+from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluation.extent import SceneExtent
 from splatwire.evaluation.study.decoded import prepare_decoded
@@ -34,7 +34,14 @@ from splatwire.evaluation.study.masks import anchor_bytes
 from splatwire.evaluation.study.parts import needed_stream, stream_parts, without_sections
 from splatwire.evaluation.study.prepared_stream import PreparedStream, file_bytes
 from splatwire.evaluation.study.records import CODE
-from splatwire.evaluation.study.references import Progress, References, digest_of, digest_of_files, prepare_references
+from splatwire.evaluation.study.references import (
+    Progress,
+    References,
+    check_views,
+    digest_of,
+    digest_of_files,
+    prepare_references,
+)
 from splatwire.evaluation.study.sequences import frame_cameras
 from splatwire.evaluation.study.store import Store, read_json
 from splatwire.files.kinds import UNKNOWN, file_kind
@@ -178,28 +185,38 @@ class Source:
         """Returns True if the scene can be encoded with the packetization."""
         return packetization.universal or SCHEMAS[self.schema_name].separable
 
+    def can_pack(self, row: Row) -> bool:
+        """Returns True if a method puts the scene into other packets, and the scene has all that this needs."""
+        if row.decoded or row.packetization is None or self.timed:
+            return False
+        return set(row.sections) <= set(self.sections) and self.can_encode(row.packetization)
 
-def check_scenes(study: Study, store: Store) -> None:
-    """Checks streams and cameras of all scenes, so that one that cannot be used is an error before the work begins.
+
+def check_scenes(study: Study, store: Store, *, views: bool = True) -> None:
+    """Checks streams and views of all scenes, so that one that cannot be used is an error before the work begins.
+
+    Args:
+        study: The evaluation.
+        store: Store, which keeps the streams in memory.
+        views: True to check photos and cameras, too; False for a comparison of sizes, which draws nothing.
 
     Raises:
         SplatwireError: If a stream, cameras file or dataset cannot be read; if a stream is a sequence and the scene has
             no reference; or if packets are missing and a method puts the scene into other packets.
     """
-    packs = any(row.packetization is not None and not row.decoded for row in study.rows)
     for entry in study.scenes:
         source = Source(entry, store.files)
         if entry.kind == "stream" or entry.sections is not None:
             stream = source.stream
             assert stream is not None
             num_missing = stream.manifest.num_packets - len(stream.packets)
-            if num_missing and packs and not source.timed:
+            if num_missing and any(source.can_pack(row) for row in study.rows):
                 raise InvalidValueError(
                     f"{entry.sections or entry.source}: {num_missing} of {stream.manifest.num_packets} packets are "
                     f"missing, and rows put the scene '{entry.name}' into other packets: only a complete stream can be"
                 )
-        if entry.cameras is not None and not source.timed:
-            load_cameras(entry.cameras)
+        if views and not source.timed:
+            check_views(entry)
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
@@ -277,7 +294,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
     for name, row in {row.variant: row for row in reversed(study.rows) if not row.decoded}.items():
         if row.packetization is None or source.timed:
             streams[name] = _passthrough(source, digest)
-        elif set(row.sections) <= set(source.sections) and source.can_encode(row.packetization):
+        elif source.can_pack(row):
             streams[name] = _prepare_stream(row, source, store, folder, progress)
     if all(row.decoded for row in study.rows):  # the scene still gives the views and the background
         streams[PASSTHROUGH] = _passthrough(source, digest)

@@ -23,7 +23,7 @@ from splatwire.files.read_limited import open_regular
 from splatwire.render import iterate_views
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.types import Cameras
-from splatwire.types.background import Background
+from splatwire.types.background import BLACK, Background
 from splatwire.types.cameras import NEAR_DEPTH
 from splatwire.types.scene import Scene
 
@@ -184,6 +184,16 @@ def _cameras_of(entry: SceneEntry, background: Background) -> tuple[Cameras, Dat
     if entry.cameras is None:
         raise InvalidValueError(f"scene '{entry.name}' has neither photos nor cameras")
     return load_cameras(entry.cameras), None
+
+
+def check_views(entry: SceneEntry) -> None:
+    """Reads the photos or cameras that define the views of a scene; pixels of photos are not decoded.
+
+    Raises:
+        SplatwireError: If they cannot be read.
+    """
+    if entry.photos is not None or entry.cameras is not None:
+        _cameras_of(entry, BLACK)
 
 
 def _camera_content(cameras: Cameras) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.study.definition import Row, SceneEntry, Study
-from splatwire.evaluation.study.inputs import PreparedStream, Source, prepare_streams
+from splatwire.evaluation.study.inputs import PreparedStream, Source, check_scenes, prepare_streams
 from splatwire.evaluation.study.store import Store
 from splatwire.evaluation.study.tables import Table
 from splatwire.io.importing import import_model
@@ -115,6 +115,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
         SplatwireError: If a scene cannot be read or encoded.
     """
     with store.locked():
+        check_scenes(study, store, views=False)
         scene_sizes = []
         for entry in study.scenes:
             streams = prepare_streams(study, Source(entry, store.files), store, progress)
