@@ -130,7 +130,7 @@ def test_package_metadata_and_size_are_as_documented(packed: Path) -> None:
         assert (folder / file).is_file(), file
     size = {name: len(gzip.compress((folder / f"{name}.js").read_bytes(), 9)) for name in PARTS}
     assert size["decoder"] <= 81_000
-    assert size["index"] <= 111_900
+    assert size["index"] <= 112_500
     assert size["index"] + size["view"] + size["engine"] <= 400_000
 
 
