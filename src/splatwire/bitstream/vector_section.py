@@ -51,7 +51,7 @@ class VectorSection:
         return self.read(sections_of(stream))
 
     def of_side_info(self, side_info: bytes, schema_name: str) -> Vector:
-        """Reads the three numbers of the section from serialised side information.
+        """Reads the three numbers of this kind of section, such as the origin, from serialised side information.
 
         Returns the default numbers (`usual`) if the side information has no such section.
 

@@ -65,9 +65,8 @@ class Sketch(Protocol):
 
     Attributes:
         num_sketched: Number of elements that have a coarse copy.
-        growth: Parameters of the enlargement: first the exponents, then the share, 0 (none) to 1, of the correction
-            that a neural network predicts. Anchors have one exponent, explicit Gaussians have two (size and
-            opacity).
+        growth: Parameters of the enlargement: first the exponents, then the weight of a neural network's correction,
+            0 to 1. Anchors have one exponent, explicit Gaussians have two (size and opacity).
         growth_candidates: Candidates for the exponents, the default first.
         trust_candidates: Candidates for the weight of the network, 0 to 1, the default first.
     """

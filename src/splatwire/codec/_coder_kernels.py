@@ -196,8 +196,8 @@ def code_value(coder, kind, deviation_context, magnitude_context, mean, value, s
         mean: The prediction.
         value: The value; only used by an encoder.
         shift: log2 of the quantisation step: the step is `1 << shift`.
-        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
-            the value.
+        absolute: True to quantise the value; False, in side information of version 2, to quantise its difference from
+            the prediction.
 
     Returns:
         The decoded value, and its residual in steps.

@@ -107,7 +107,7 @@ class Grow:
         fully_received: Bool[np.ndarray, "N"],
         weights: Float[np.ndarray, "N"] | None = None,
     ) -> Float[np.ndarray, "M"]:
-        """Raises small received shares, to limit the enlargement computed from them to `max_gain` and `max_excess`.
+        """Raises received shares that are too small: they would enlarge elements beyond `max_gain` and `max_excess`.
 
         Args:
             received_shares: Received share of each element's neighbours, 0 to 1.

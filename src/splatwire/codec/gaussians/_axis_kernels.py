@@ -125,8 +125,8 @@ def code_axis(
         residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
         predicted_axis: Working array for the predicted axis, int64 (3).
         quantised_axis: Working array for the quantised axis, int64 (3).
-        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
-            the value.
+        absolute: True to quantise the value; False, in side information of version 2, to quantise its difference from
+            the prediction.
 
     Returns:
         The updated moving average.

@@ -123,8 +123,8 @@ def code_logs(
             attributes.
         num_neighbours: Number of neighbours.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
-        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
-            the value.
+        absolute: True to quantise the value; False, in side information of version 2, to quantise its difference from
+            the prediction.
 
     Returns:
         Five integers. The first four are decoded logarithms: of the largest scale, of the ratio of the largest to the
@@ -188,8 +188,8 @@ def code_colour(
             attributes.
         num_neighbours: Number of neighbours.
         residual_magnitude: Moving average of the magnitudes of preceding residuals, in 16ths of a quantisation step.
-        absolute: False with side information of version 2: the difference from the prediction is quantised instead of
-            the value.
+        absolute: True to quantise the value; False, in side information of version 2, to quantise its difference from
+            the prediction.
     """
     shift = step_shift(base_exponents, STEP_COLOUR, precision_class, ZERO, ZERO, ZERO, ZERO, BITS - 2)
     for c in range(3):

@@ -135,7 +135,7 @@ def _code_position(coder, row, cell, position, cell_shift, shift, absolute):
             encoder.
         cell_shift: log2 of the side of a grid cell, in lattice spacings.
         shift: log2 of the quantisation step, in lattice spacings.
-        absolute: False with side information of version 2: a quantisation step is then at most as large as a grid
+        absolute: False in side information of version 2, where a quantisation step is at most as large as a grid
             cell.
     """
     # The position is nearly random within the cell, so that entropy coding would save nothing.

@@ -138,9 +138,9 @@ class _LocalColour(NamedTuple):
     Attributes:
         points: Positions of the points, (t, 3).
         density: For each point, sum of the weights of the Gaussians around it, (t).
-        colour: For each point, weighted sum of the Gaussians' colours, (t, 4). The channels are red, green, blue, and a
-            fourth channel that is `OPACITY_ERROR` for every Gaussian. The fourth channel makes differences of opacity
-            count as errors.
+        colour: For each point, weighted sum of the Gaussians' colours, (t, 4): red, green, blue, and a channel that
+            makes differences of opacity count as errors. In this channel, every Gaussian has the value
+            `OPACITY_ERROR`.
     """
 
     points: np.ndarray

@@ -208,7 +208,7 @@ def _content(result: StudyResult, summaries: Sequence[Summary]) -> dict[str, Any
 
 
 def _packet_loss_rates(result: StudyResult, store: Store, scene: str) -> dict[str, list[PacketLossRates]]:
-    """Measures the share of each stream's packets that is lost if datagrams are lost, at several rates.
+    """Measures, for several loss rates of datagrams, the share of packets that each stream loses.
 
     Args:
         result: Results of the evaluation.

@@ -204,7 +204,7 @@ class UnitRunner:
             self.store.write(unit.loss_map(hard), png_bytes(losses))
 
     def arrived(self, unit: Unit) -> ReceivedInput:
-        """Returns the decoded scene as received under the loss mask of a task."""
+        """Returns the scene that a task scores: decoded from the packets that its loss mask leaves."""
         stream = self._stream(unit)
         sent = stream if stream is None or unit.mask is None else unit.mask.apply(stream)
         arrived = self._decoded(unit, unit.mask_digest, sent)
