@@ -30,7 +30,7 @@ from splatwire.calibration.pseudo_loss import CalibrationData, calibration_data
 from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.concealment import Concealer, conceal, create_concealer
-from splatwire.concealment.scene_free import save_gain_network
+from splatwire.concealment.scene_free import save_network
 from splatwire.data import open_dataset
 from splatwire.evaluation.views import photo_views, spread
 from splatwire.io import open_scene
@@ -62,7 +62,7 @@ def saved(network: Any, sources: Sequence[Path], options: argparse.Namespace, st
         "scenes": " ".join(source.name for source in sources),
         "settings": f"views {options.views}, width {options.width}, steps {options.steps}, seed {options.seed}",
     }
-    save_gain_network(network, options.output, record=record)
+    save_network(network, options.output, record=record)
     return {**record, "seconds": time.perf_counter() - started, "num_bytes": options.output.stat().st_size}
 
 

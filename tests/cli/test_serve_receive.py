@@ -401,7 +401,7 @@ def test_live_clip_is_not_written_to_a_folder_with_the_name_of_a_file(name: str,
     words = ["live", str(frames), "--port", "0", "--json", "--group", "2"]
     with server_process([sys.executable, "-m", "splatwire", *words]) as facts:
         assert call("receive", f"udp://127.0.0.1:{facts['port']}", "-o", str(target)) == 2
-    assert "is a live clip, which" in capsys.readouterr().err
+    assert "is a live clip, whose frames" in capsys.readouterr().err
     assert not target.exists()
 
 

@@ -51,7 +51,7 @@ def test_anchors_on_a_coarse_grid_cost_fewer_bits() -> None:
     assert saved * 8 > 0.9 * 12 * len(fine)
 
 
-def test_origin_is_aligned() -> None:
+def test_corner_is_aligned() -> None:
     voxels = np.array([[5000, -3, 77], [5001, -2, 78]])
     assert decode_positions(encode_positions(voxels), 2, "morton").tolist() == voxels.tolist()
     assert CORNER_ALIGNMENT % 16 == 0

@@ -16,7 +16,7 @@ from splatwire.concealment.scene_free import (
     SceneFree,
     default_anchor_weights,
     load_anchor_network,
-    save_gain_network,
+    save_network,
 )
 from splatwire.concealment.scene_free.network import AnchorInputs, anchor_inputs
 from splatwire.concealment.scene_free.signature import SIGNATURE, signatures
@@ -58,7 +58,7 @@ def random_network(seed: int = 3) -> AnchorNetwork:
 @pytest.fixture
 def any_weights(tmp_path: Path) -> Path:
     path = tmp_path / "any.safetensors"
-    save_gain_network(random_network(), path)
+    save_network(random_network(), path)
     return path
 
 

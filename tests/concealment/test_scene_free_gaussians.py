@@ -8,7 +8,7 @@ from close import assert_close
 from concealment.gaps import gaussians
 from random_numbers import Numbers
 from splatwire.concealment import SceneFree, concealer_names
-from splatwire.concealment.scene_free import GaussianNetwork, load_anchor_network, save_gain_network
+from splatwire.concealment.scene_free import GaussianNetwork, load_anchor_network, save_network
 from splatwire.concealment.scene_free.elements import GAUSSIAN_SIGNATURE, gaussian_inputs
 from splatwire.concealment.scene_free.weights import default_gaussian_weights, load_gaussian_network
 from splatwire.errors import BitstreamError
@@ -58,7 +58,7 @@ def test_untrained_network_compensates_transmittance() -> None:
 
 def test_gaussian_network_file_is_refused_for_anchors(tmp_path) -> None:
     path = tmp_path / "some.safetensors"
-    save_gain_network(default_gaussian_weights(), path)
+    save_network(default_gaussian_weights(), path)
     inputs = gaussian_inputs(cloud())
     for one, other in zip(load_gaussian_network(path)(inputs), default_gaussian_weights()(inputs), strict=True):
         assert np.array_equal(one, other)

@@ -52,25 +52,29 @@ def test_name_of_a_loopback_address_counts_as_one(target, monkeypatch):
     monkeypatch.setattr(
         "socket.getaddrinfo", lambda host, *_, **__: [(2, 1, 6, "", (found, 0)) for found in addresses[host]]
     )
-    origins._resolves_to_loopback.cache_clear()
     for host in addresses:
         content = PageContent({"ball": b"scene"}, host=host)
         allowed = asked(content, target, "https://evil.example")[1].get("Access-Control-Allow-Origin")
         assert allowed == ("*" if host == "some" else None), host
+
+
+@pytest.fixture(autouse=True)
+def without_cached_names():
+    origins._resolves_to_loopback.cache_clear()
+    yield
     origins._resolves_to_loopback.cache_clear()
 
 
-def test_a_name_that_could_not_be_resolved_once_is_resolved_again(monkeypatch):
+def test_a_name_that_could_not_be_resolved_once_is_resolved_again_later(monkeypatch):
     def failing(*_, **__):
         raise OSError("temporary failure in name resolution")
 
-    origins._resolves_to_loopback.cache_clear()
     with monkeypatch.context() as patched:
         patched.setattr("socket.getaddrinfo", failing)
         assert not listens_on_loopback("machine")
+    monkeypatch.setattr(origins, "RESOLVED_FOR_S", 1e-9)
     monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: [(2, 1, 6, "", ("127.0.1.1", 0))])
     assert listens_on_loopback("machine")
-    origins._resolves_to_loopback.cache_clear()
 
 
 @pytest.mark.parametrize("target", TARGETS)

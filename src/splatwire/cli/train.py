@@ -53,9 +53,9 @@ class Train:
     which only the most important share of the anchors arrives. Of several, one is drawn for each iteration with loss.
     With --model gaussians, one loss model."""
     loss_share: float | None = None
-    """Share of iterations with packet loss, default 0.5, counted from the first iteration that may lose packets: with
-    the causal model the first of those that --loss adds; with first:SHARE, or the model hacpp, the end of adding
-    anchors. Larger values reduce the effect of losses, and the quality without losses."""
+    """Share of iterations with packet loss, default 0.5, counted from the first iteration that may lose packets. With
+    the causal model, this is the first that --loss adds; with a loss first:SHARE or the model hacpp, the first after
+    the last anchors were added. Larger values reduce the effect of losses, and the quality without losses."""
     images: str | None = None
     """Name of the image folder, e.g. images_4. Default: images."""
     max_width: int = 1600

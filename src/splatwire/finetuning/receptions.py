@@ -41,8 +41,8 @@ class SimulatedReception:
     def from_mask(fully_received: Bool[np.ndarray, "N"]) -> "SimulatedReception":
         """Creates a simulated packet loss after which only the given Gaussians are received.
 
-        All received Gaussians are enlarged by the same factors, which depend on the received share of the whole scene. The
-        concealer `grow` uses the received share of each Gaussian's neighbours instead.
+        All received Gaussians are enlarged by the same factors, which depend on the received share of the whole scene.
+        The concealer `grow` uses the received share of each Gaussian's neighbours instead.
 
         Args:
             fully_received: Mask of the received Gaussians.

@@ -68,10 +68,10 @@ def test_other_code_version_reuses_no_record_and_no_loss_map(done, monkeypatch):
 def test_other_scene_free_network_gets_other_unit_key(tiny_folder, tmp_path, monkeypatch, how):
     """The name changes even if the file keeps its name."""
     from splatwire.concealment import registry
-    from splatwire.concealment.scene_free import default_anchor_weights, save_gain_network
+    from splatwire.concealment.scene_free import default_anchor_weights, save_network
 
     file = tmp_path / "network.safetensors"
-    save_gain_network(default_anchor_weights(), file)
+    save_network(default_anchor_weights(), file)
     settings = {
         "shipped": {"conceal": "scene_free"},
         "option": {"conceal": "scene_free", "options": {"weights": str(file)}},
@@ -84,7 +84,7 @@ def test_other_scene_free_network_gets_other_unit_key(tiny_folder, tmp_path, mon
     )
     keys = []
     for number in "12":
-        save_gain_network(default_anchor_weights(), file, record={"trained": number})
+        save_network(default_anchor_weights(), file, record={"trained": number})
         (cell,) = run_study(study, Store(tmp_path / "store"), InProcess(), silent).cells
         keys.append(cell.unit.key)
     assert keys[0] != keys[1]

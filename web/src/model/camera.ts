@@ -34,7 +34,7 @@ export interface FixedCamera {
 
 /**
  * Throws `TypeError` for a camera whose matrix is no list of rows, such as the 16 numbers of three.js, or without the
- * other numbers. `width` is used for a camera without one.
+ * other numbers. `defaultWidth` is the width of a camera without one.
  */
 export function checkCamera(
   camera: FixedCamera & { readonly margin?: number | undefined },

@@ -10,8 +10,8 @@ from splatwire.types import Anchors, GaussianHeads
 
 SAMPLE_SEED = 0
 DEFAULT_HEAD_TOLERANCE = 0.004
-"""Tolerated error of a rendering network's output before its activation; after the sigmoid of a colour, at most a
-quarter of an 8-bit step.
+"""Tolerated error (standard deviation) of a rendering network's output before its activation. After the sigmoid of a
+colour, the error is about a quarter of an 8-bit step or less.
 """
 
 

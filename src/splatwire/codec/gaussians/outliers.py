@@ -17,7 +17,8 @@ MAX_COORDINATE_BITS = MAX_LATTICE_BITS - 2
 quantisation step.
 """
 MAX_DISTANCE_OCTAVES = 12
-"""Largest coded distance, in octaves of the scene's size. A cell has 21 bits per axis (`MAX_CELL_BITS`). With 12
+"""Largest coded distance, in octaves of the scene's size. The index of a cell has at most 21 bits per axis
+(`MAX_CELL_BITS`). With 12
 octaves of distance, 9 bits are left for the Gaussians near the centre, as many as `choose_cell_shift` chooses for some
 hundreds of Gaussians.
 """

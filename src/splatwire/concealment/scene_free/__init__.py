@@ -5,4 +5,4 @@ from splatwire.concealment.scene_free.elements import GaussianNetwork as Gaussia
 from splatwire.concealment.scene_free.network import AnchorNetwork as AnchorNetwork
 from splatwire.concealment.scene_free.weights import default_anchor_weights as default_anchor_weights
 from splatwire.concealment.scene_free.weights import load_anchor_network as load_anchor_network
-from splatwire.concealment.scene_free.weights import save_gain_network as save_gain_network
+from splatwire.concealment.scene_free.weights import save_network as save_network

@@ -24,7 +24,7 @@ _MAX_HIDDEN = 1024
 Network = TypeVar("Network", AnchorNetwork, GaussianNetwork)
 
 
-def save_gain_network(network: Perceptron, path: Path, *, record: dict[str, str] | None = None) -> None:
+def save_network(network: Perceptron, path: Path, *, record: dict[str, str] | None = None) -> None:
     """Writes the weights of a network of the concealer `scene_free` to a file.
 
     Args:
@@ -66,7 +66,7 @@ def _load(path: Path, kind: type[Network]) -> Network:
     arrays, _ = read_tensors(path, _FORMATS[kind], VERSION)
     first = arrays.get("layers.0.weight")
     if first is None or first.ndim != 2 or not 1 <= len(first) <= _MAX_HIDDEN:
-        raise BitstreamError(f"{path}: the first layer of the gain network is missing or of no sensible size")
+        raise BitstreamError(f"{path}: the first layer of the network is missing or of no sensible size")
     wanted = _arrays(kind.untrained(len(first)))
     if set(arrays) != set(wanted):
         odd = sorted(set(arrays) ^ set(wanted))
@@ -78,7 +78,7 @@ def _load(path: Path, kind: type[Network]) -> Network:
         if not np.isfinite(array).all():
             raise BitstreamError(f"{path}: '{name}' of the network is not finite")
     if not (arrays["spread"] > 0).all():
-        raise BitstreamError(f"{path}: 'spread' of the gain network is not positive")
+        raise BitstreamError(f"{path}: 'spread' of the network is not positive")
     narrow = {name: values.astype(np.float32) for name, values in arrays.items()}
     hidden, output = (Linear(narrow[f"{name}.weight"], narrow[f"{name}.bias"]) for name in ("layers.0", "layers.2"))
     return kind(narrow["mean"], narrow["spread"], hidden, output)

@@ -4,10 +4,13 @@ import functools
 import ipaddress
 import re
 import socket
+import time
 from urllib.parse import urlsplit
 
 from splatwire.errors import InvalidValueError
 
+RESOLVED_FOR_S = 10.0
+"""Time for which the result of a name resolution is kept, seconds."""
 _ORIGIN = re.compile(r"(https?)://(\[[0-9A-Fa-f:.]+\]|[0-9A-Za-z._-]+)(?::([0-9]{1,5}))?")
 
 
@@ -55,15 +58,16 @@ def listens_on_loopback(host: str) -> bool:
     """
     if not host or is_loopback(host):
         return bool(host)
-    try:
-        return _resolves_to_loopback(host)
-    except (OSError, UnicodeError):  # not cached, because it may be temporary
-        return False
+    return _resolves_to_loopback(host, int(time.monotonic() // RESOLVED_FOR_S))
 
 
 @functools.lru_cache(maxsize=64)
-def _resolves_to_loopback(host: str) -> bool:
-    found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+def _resolves_to_loopback(host: str, period: int) -> bool:
+    """Resolves a name; the result, also that of a failure, is kept for a period of `RESOLVED_FOR_S`."""
+    try:
+        found = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return False
     return bool(found) and all(is_loopback(str(address[0])) for *_, address in found)
 
 
