@@ -14,8 +14,8 @@ from splatwire.files.atomic_write import with_final_names
 DAMAGED = 3
 """Exit status of a verb whose input is damaged."""
 _DAMAGE_LOGGER = "splatwire.bitstream.stream"
-"""Name of the logger of damaged streams: after a warning of it, the exit status is
-`DAMAGED`, unless the user accepts damage."""
+"""Name of the logger of damaged streams. After one of its warnings, the exit status is `DAMAGED`, unless the user
+accepts damage."""
 LOGGERS = (
     *("splatwire.types", "splatwire.codec", "splatwire.plugins", _DAMAGE_LOGGER, "splatwire.lod"),
     *("splatwire.rate_control", "splatwire.render", "splatwire.evaluation"),

@@ -30,7 +30,7 @@ _OBJECTS = 200_000
 _MIN_COLUMNS = 20
 """Least width of help texts, characters."""
 _REFUSING_DAMAGE = ("serve",)
-"""Subcommands that use no damaged input: what is damaged when they read files again is refused with a message."""
+"""Subcommands that refuse damaged input with a message, also when they read files again."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

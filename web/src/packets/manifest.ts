@@ -52,7 +52,7 @@ const FIELDS = [
 const LAYOUT = ["feature_dim", "feature_groups", "num_offsets"];
 const PACKETIZATION = ["block_size", "grouping", "lanes", "order", "packaging", "seed"];
 
-/** Returns true if the digest in a manifest is that of its other fields, whatever they contain. */
+/** Returns true if the digest in a manifest is that of its other fields. The values of the fields are not checked. */
 export function isIntactManifest(bytes: Uint8Array): boolean {
   try {
     const fields = parseJson(decoded(bytes));

@@ -172,8 +172,8 @@ export class Transfer {
   }
 
   /**
-   * Processes a message. `isDatagram` is false for messages of the reliable stream, which come in order and whose first
-   * ones also come as datagrams.
+   * Processes a message. `isDatagram` is false for messages of the reliable stream. They arrive in order, and the first
+   * ones also arrive as datagrams.
    */
   receive(bytes: Uint8Array, now: number, isDatagram = true): void {
     if (this.finished) return;

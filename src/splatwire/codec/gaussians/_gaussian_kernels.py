@@ -134,7 +134,7 @@ def code_logs(
     s0 = elongation = companded = opacity = np.int64(0)
     residual_magnitude = np.int64(16)
     # A loop, because numba would compile a copy of the entropy coder for each call. `kind` is an index in both
-    # `RESIDUAL_KINDS` and `STEPS`, whose first four entries agree.
+    # `RESIDUAL_KINDS` and `STEPS`: their first four entries are the same quantities.
     for kind in range(4):
         mean, value, area = neighbours.means[kind], source[kind], np.int64(0)
         low, high, max_shift = np.int64(0), np.int64(MAX_LOG), np.int64(BITS - 1)

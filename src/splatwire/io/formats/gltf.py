@@ -52,7 +52,7 @@ _MAX_JSON_BYTES = 4 << 20
 _MAX_CHUNKS = 1 << 10
 """Largest number of chunks of a binary file; two have a meaning."""
 _MAX_WARNED = 4
-"""Maximum number of primitives whose unclear fields are logged."""
+"""Maximum number of primitives with unclear fields that are logged."""
 _MAX_STRIDE = 252
 """Largest distance between rows, bytes (glTF 2.0, section 3.6.2.4)."""
 _READ_BYTES = 1 << 20

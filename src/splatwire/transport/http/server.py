@@ -276,7 +276,7 @@ class PageServer:
             nonlocal num_pieces, waits_for_growth
             async for piece in file.pieces():
                 num_pieces, waits_for_growth = num_pieces + 1, False
-                await self._write(piece, writer, sent)  # has time limits of its own
+                await self._write(piece, writer, sent)  # it limits the time
                 waits_for_growth = True
 
         # While nothing is written, only reading shows that the client has disconnected.

@@ -547,8 +547,8 @@ function transposed(offsets: Float32Array, rows: number, columns: number): Float
 }
 
 /**
- * Appends the tracks that no received packet of motion covers, for all frames. With `isLost` their motion is lost and
- * is estimated later; otherwise the group has no motion, and they stand still.
+ * Appends the tracks that no received packet of motion covers, for all frames. With `isLost`, their motion is estimated
+ * later; otherwise the group has no motion.
  */
 function appendUncovered(
   received: ReceivedTracks,
