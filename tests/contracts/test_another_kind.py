@@ -50,7 +50,7 @@ from splatwire.errors import BitstreamError, DesyncError, InvalidValueError, Mis
 from splatwire.files.byte_io import ByteReader
 from splatwire.render import render_scene
 from splatwire.transport.http.pack import pack_stream
-from splatwire.types import Cameras, Coverage, Gaussians, LossMask, ReceivedScene, RenderHints
+from splatwire.types import Cameras, Gaussians, GrowStrength, LossMask, ReceivedScene, RenderHints
 from splatwire.types.background import BLACK, Background
 from splatwire.types.validity import ElementValidity
 from splatwire.view.page import page_of_stream
@@ -78,7 +78,7 @@ class Points:
 @dataclass(frozen=True, eq=False)
 class PointScene:
     ELEMENTS: ClassVar[str] = "points"
-    COVERAGE: ClassVar[Coverage] = Coverage(size=1.0, opacity=0.0)
+    GROW_STRENGTH: ClassVar[GrowStrength] = GrowStrength(size=1.0, opacity=0.0)
     points: Points
     hints: RenderHints | None = None
     background: Background = BLACK

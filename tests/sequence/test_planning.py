@@ -81,7 +81,7 @@ def test_simulated_arrivals_equal_received_packets(stream, load, worth, loss):
     for seed in range(6):
         fates = loss.received(len(items), np.random.Generator(np.random.PCG64(seed)))
         head = (program.stream_id, program.init_segment_bytes, program.init_segment_digest, program.symbol_bytes)
-        welcome = Welcome(1, 1, *head, len(program.packets), program.packet_bytes, 0, program.parity_ranges)
+        welcome = Welcome(1, 1, *head, len(program.packets), program.max_packet_bytes, 0, program.parity_ranges)
         collector = PacketCollector(welcome)
         collector.open(stream.manifest)
         for (kind, group, number), arrives in zip(items, fates.tolist(), strict=True):

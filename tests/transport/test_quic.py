@@ -55,7 +55,7 @@ from splatwire.transport.quic.common import (
     QuicLimits,
     configuration,
 )
-from splatwire.transport.quic.handlers import QuicClient
+from splatwire.transport.quic.handlers import ConnectedClient
 from splatwire.transport.quic.server import QuicServer
 from splatwire.transport.udp import UdpServer, connected_socket, receive_udp
 
@@ -142,14 +142,14 @@ def test_server_error_ends_one_session_only(caplog):
             assert [receiver.stream() == STREAM for receiver in receivers] == [True, True]
             assert (await fetch(server.port)).stream() == STREAM
 
-    send = QuicClient.send
+    send = ConnectedClient.send
 
-    def broken(self: QuicClient, data: bytes) -> None:
+    def broken(self: ConnectedClient, data: bytes) -> None:
         if message_kind(data) == DATA and decode(data).packet in PROGRAMS["other"].packets:
             raise RuntimeError("broken")
         send(self, data)
 
-    with patch.object(QuicClient, "send", broken):
+    with patch.object(ConnectedClient, "send", broken):
         run(work())
     (line,) = [record for record in caplog.records if record.levelno > logging.INFO]
     assert "broken" in line.getMessage()
@@ -383,7 +383,7 @@ def test_only_the_first_init_segment_is_also_sent_in_datagrams() -> None:
     quic = SimpleNamespace(
         _datagrams_pending=[], send_datagram_frame=lambda data: copies.append(message_kind(data)),
     )  # fmt: skip
-    receiver = QuicClient(SimpleNamespace(quic=quic), None)
+    receiver = ConnectedClient(SimpleNamespace(quic=quic), None)
     transfer = ServerTransfer(PROGRAMS["other"], 1, ServerLimits(), 0.0, reliable_init_segment=True)
     for _ in range(2):
         receiver.send(transfer.welcome())

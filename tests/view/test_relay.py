@@ -109,7 +109,7 @@ def test_transfer_without_a_scene_is_refused() -> None:
 def test_reason_of_an_incomplete_transfer_is_kept(reason: str, is_live: bool) -> None:
     stream = encode_scene(tiny_causal_scene(num_anchors=200), HASHED)
     handed_on = relay_of([*sent(stream)[:3], Finished(reason, True)])
-    handed_on.is_live = is_live
+    handed_on.was_live = is_live
     assert handed_on.failure() == ""
     asyncio.run(handed_on.run())
     complete = reason in ("complete", "seen") or (reason == "sent" and is_live)
@@ -142,7 +142,7 @@ def test_page_gets_the_current_period_of_a_live_clip() -> None:
     async def work() -> list[bytes]:
         running = asyncio.create_task(handed_on.run())
         await handed_on.begun()
-        assert handed_on.is_live
+        assert handed_on.was_live
         found = []
         while not running.done():
             found.append(b"".join([piece async for piece in handed_on.pieces()]))

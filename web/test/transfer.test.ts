@@ -44,7 +44,7 @@ test("message bytes equal Python's", { skip: expected === null && "EXPECTED is n
     initSegmentBytes: 400,
     symbolBytes: 256,
     packets: 12,
-    packetBytes: 1150,
+    maxPacketBytes: 1150,
     bundled: 4,
     viewDependent: true,
     isLive: false,

@@ -59,7 +59,7 @@ def predict_causal(
     feature: Float[Any, "M F"],
     log_scalings: Float[Any, "M 4"],
     *,
-    quantised: Callable[[str, Any, Any], Any] | None = None,
+    input_values: Callable[[str, Any, Any], Any] | None = None,
     join: Callable[[list[Any], int], Any] = np.concatenate,
 ) -> CausalPrediction:
     """Predicts the probability distributions of all attributes of M anchors with the causal context model.
@@ -74,17 +74,18 @@ def predict_causal(
         feature: Features of the anchors, in quantisation steps.
         log_scalings: Logarithms of four scalings of each anchor, minus `CausalCoding.zero_points`, in quantisation
             steps: the common scale of its offsets, and the base sizes of its Gaussians along three axes.
-        quantised: Function that prepares attributes as inputs of later networks, for example by rounding. Its arguments
-            are the name of the network, the predicted means and the attributes. None to pass the attributes unchanged.
+        input_values: Function that returns the values to use as inputs of later networks, for example rounded
+            attributes. Its arguments are the name of the network that predicted them, the predicted means and the
+            attributes. None to use the attributes themselves.
         join: Function that concatenates arrays along an axis; `torch.cat` for tensors.
     """
     known_inputs = networks["position"](inputs)
     means, log_deviations, before = [], [], 0
 
-    def follow(name: str, mean: Any, values: Any) -> None:
+    def append_input(name: str, mean: Any, values: Any) -> None:
         nonlocal known_inputs
-        rounded = values if quantised is None else quantised(name, mean, values)
-        known_inputs = join([known_inputs, rounded * INPUT_UNIT], 1)
+        used = values if input_values is None else input_values(name, mean, values)
+        known_inputs = join([known_inputs, used * INPUT_UNIT], 1)
 
     def predicted(name: str) -> tuple[Any, Any]:
         outputs = networks[name](known_inputs)
@@ -93,7 +94,7 @@ def predict_causal(
 
     for group, size in enumerate(config.layout.feature_groups):
         mean, log_deviation = predicted(f"feature{group}")
-        follow(f"feature{group}", mean, feature[:, before : before + size])
+        append_input(f"feature{group}", mean, feature[:, before : before + size])
         means.append(mean)
         log_deviations.append(log_deviation)
         before += size
@@ -101,9 +102,9 @@ def predict_causal(
     outputs = networks[MASK_AND_SCALE](known_inputs)
     mask_logits, scale_mean = outputs[:, :num_mask_logits], outputs[:, num_mask_logits : num_mask_logits + 1]
     scale_log_deviation = outputs[:, num_mask_logits + 1 :]
-    follow(MASK_AND_SCALE, scale_mean, log_scalings[:, :1])
+    append_input(MASK_AND_SCALE, scale_mean, log_scalings[:, :1])
     size_mean, size_log_deviation = predicted("size")
-    follow("size", size_mean, log_scalings[:, 1:])
+    append_input("size", size_mean, log_scalings[:, 1:])
     return CausalPrediction(
         (join(means, 1), join(log_deviations, 1)), mask_logits,
         (join([scale_mean, size_mean], 1), join([scale_log_deviation, size_log_deviation], 1)),

@@ -50,24 +50,24 @@ def run(command: Decode) -> None:
     started = time.perf_counter()
     with progress_bars() as show, output_path(command.output, expected_suffix=suffix, json=command.json) as path:
         received = decode_stream(stream, progress=lambda share: show("decoding", share))
-        decoded = time.perf_counter()
-        written = save_decoded(received, concealer, path, outliers=outliers)
-    count, num_lost = written.num_elements, received.loss_mask.num_lost
+        decoded_at = time.perf_counter()
+        concealed = save_decoded(received, concealer, path, outliers=outliers)
+    count, num_lost = concealed.num_elements, received.loss_mask.num_lost
     if command.json:
         print_json(
             {
                 "output": command.output,
                 f"num_{elements.lower()}": count,
                 "num_lost": num_lost,
-                "digest": scene_digest(written.elements),
+                "digest": scene_digest(concealed.elements),
                 "concealer": command.conceal,
-                "seconds": decoded - started,
+                "seconds": decoded_at - started,
                 "packets": read_report_json(report),
             }
         )
     else:
         text = f"{count - num_lost:,} of {count:,} {elements} arrived"
-        print_summary(f"{text}, decoded in {decoded - started:.1f} s -> {command.output}", command.output)
+        print_summary(f"{text}, decoded in {decoded_at - started:.1f} s -> {command.output}", command.output)
 
 
 def _decode_sequence(command: Decode, stream: SceneStream, report: ReadReport) -> None:

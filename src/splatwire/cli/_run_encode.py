@@ -132,7 +132,7 @@ def _effort(command: Encode) -> str:
 
 
 def _needs_rate_control(command: Encode) -> bool:
-    """True if the options set a target size or PSNR, or request pruning of Gaussians."""
+    """True if the options set a target size or PSNR, or an effort with which the encoder removes Gaussians."""
     return command.size is not None or command.psnr is not None or _effort(command) != "fast"
 
 

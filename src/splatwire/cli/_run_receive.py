@@ -91,7 +91,7 @@ def run(command: Receive) -> None:
     if signals and reason == "stopped":
         raise StoppedError(signals[0])  # sets the exit status; the received data is already written
     num_missed = receiver.num_missed + live.num_dropped
-    if not (command.partial or _is_complete(reason, live=receiver.is_live, num_missed=num_missed)):
+    if not (command.partial or _is_complete(reason, live=receiver.was_live, num_missed=num_missed)):
         missing = receiver.describe_missing()
         if live.num_dropped:
             missing = f"{missing}, {live.num_dropped:,} packets were dropped".removeprefix(", ")

@@ -64,7 +64,7 @@ async def _forward(command: View, cameras: Cameras | None) -> None:
         await (relay.begun() if cameras is None else relay.headed())
         if receiving.done():
             await receiving  # raises its exception
-        if relay.is_live:
+        if relay.was_live:
             print(f"splatwire: {url} is live: the page shows what there is when it is loaded", file=sys.stderr)
         receiving.add_done_callback(lambda task: _warn_of_missing(url, relay) if _went_well(task) else None)
         await _serve(command, page_of_relay(name, relay, cameras, command.host), receiving, relay)

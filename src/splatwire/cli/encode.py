@@ -57,9 +57,9 @@ class Encode:
     """Explicit Gaussians: mean PSNR against pictures of the source, decibels, usually reached within 0.2 dB. The PSNR
     that was reached is printed."""
     effort: Literal["fast", "default", "best"] | None = None
-    """fast: keep all Gaussians. default: also remove those that pictures of the scene do not need, as many as the
-    quality permits; fewer bytes at equal quality. best: remove more, and fine-tune the others to pictures of the scene;
-    takes minutes. Default: fast; with --size or --psnr default."""
+    """fast: keep all Gaussians (see also --keep). default: also remove those that pictures of the scene do not need, as
+    many as the quality permits; fewer bytes at equal quality. best: remove more, and fine-tune the others to pictures
+    of the scene; takes minutes. Without this option: default if --size or --psnr is given, otherwise fast."""
     loss: str | None = None
     """With --effort best: loss model of the channel, such as bernoulli:0.2. Fine-tuning then simulates lost packets
     (lost datagrams with --preset datagram), so that the received Gaussians cover the lost ones."""

@@ -54,8 +54,9 @@ class Train:
     With --model gaussians, one loss model."""
     loss_share: float | None = None
     """Share of iterations with packet loss, default 0.5, counted from the first iteration that may lose packets. With
-    the causal model, this is the first that --loss adds; with a loss first:SHARE or the model hacpp, the first after
-    the last anchors were added. Larger values reduce the effect of losses, and the quality without losses."""
+    the causal model, this is the first that --loss adds, or the first of all with --init of a finished scene; with a
+    loss first:SHARE or the model hacpp, the first after the last anchors were added. Larger values reduce the effect of
+    losses, and the quality without losses."""
     images: str | None = None
     """Name of the image folder, e.g. images_4. Default: images."""
     max_width: int = 1600

@@ -152,7 +152,8 @@ class Schema(StreamSchema):
 
     Attributes:
         scene_type: Type of the scenes that the codec encodes.
-        provides: Types of side information that concealers get with every decoded stream (`ReceivedScene.provides`).
+        provides: Types of the data that every decoded stream has for concealers (`ReceivedScene.provides`): type of the
+            elements, and types of side information.
         prepare: Function that prepares a scene for encoding. It may assume that all elements of the scene are drawable.
         open_decoder: Function that creates a decoder from manifest, side information and the number of received bytes.
         update_digest: Function that adds decoded integers to a hash (a `hashlib` object), for the digest of the stream.

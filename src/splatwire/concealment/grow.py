@@ -26,7 +26,7 @@ class Grow:
 
     An element is enlarged by the gain `(1 - rho) ** -exponent`, where `rho` is the lost share of its nearest
     neighbours, weighted by size. The exponent 1/2 preserves the covered area of a surface. The type of scene
-    (`Coverage`) determines how much of the gain is applied to size and how much to opacity.
+    (`GrowStrength`) determines how much of the gain is applied to size and how much to opacity.
 
     Attributes:
         neighbors: Number of nearest neighbours over which `rho` is computed.
@@ -71,16 +71,16 @@ class Grow:
 
     def __call__(self, received: ReceivedScene) -> Concealed:
         """Returns the factors by which received elements are enlarged, and the mask that hides lost elements."""
-        fully_received, coverage = received.fully_received, received.scene.COVERAGE
+        fully_received, strength = received.fully_received, received.scene.GROW_STRENGTH
         shares = 1 - lost_share(received.positions, fully_received, self.neighbors, received.sizes, self.nearest)
         clamped = self.clamp_received_shares(shares, fully_received, received.tier_sizes)
         shares = np.where(fully_received, clamped, np.ones_like(shares))
-        size_gains = shares ** -(self.exponent * coverage.size)
-        if not coverage.opacity:
+        size_gains = shares ** -(self.exponent * strength.size)
+        if not strength.opacity:
             return Concealed(size_gains, ~fully_received)
         opacities = received.elements.opacities
         transmittances = 1 - np.minimum(opacities, _MAX_OPACITY)
-        enlarged = 1 - transmittances ** (shares ** -(self.exponent * coverage.opacity))
+        enlarged = 1 - transmittances ** (shares ** -(self.exponent * strength.opacity))
         opacity_gains = np.where(fully_received, enlarged / np.maximum(opacities, _MIN_OPACITY), np.ones_like(shares))
         return Concealed(size_gains, ~fully_received, np.maximum(opacity_gains, 1))
 

@@ -175,10 +175,8 @@ def open_dataset(
     if folder is not None:
         warn_of_other_reconstructions(path, folder)
         _warn_of_unread_transforms(path, folder)
-        expects_photos_beside = path in (folder, folder.parent) and images is None and not (path / "images").is_dir()
-        views, image_paths = _colmap_views(
-            folder, path if expects_photos_beside else path / (images or "images"), split, chosen
-        )
+        in_root = images is None and not (path / "images").is_dir() and _expects_photos_in_root(path, folder)
+        views, image_paths = _colmap_views(folder, path if in_root else path / (images or "images"), split, chosen)
         cloud, source = None, folder
     else:
         views, source, cloud = _transforms_views(path, split, images, test_views, layout or dataset_layout(path))
@@ -366,11 +364,16 @@ def _dataset_nearby(path: Path) -> str:
     return "" if nearby is None else f"; {nearby} looks like a dataset (layout: {dataset_layout(nearby)})"
 
 
+def _expects_photos_in_root(folder: Path, reconstruction: Path) -> bool:
+    """True if photos may be in the dataset folder itself: its reconstruction is in it or in a direct subfolder."""
+    return folder in (reconstruction, reconstruction.parent)
+
+
 def _has_photos(folder: Path) -> bool:
     """True if a dataset folder contains photos in the folder that its layout prescribes."""
     layout = dataset_layout(folder)
-    expects_photos_beside = layout == "colmap" and find_reconstruction(folder) in (folder, *folder.glob("[0-9]*"))
-    if expects_photos_beside and contains_photos(folder):
+    reconstruction = find_reconstruction(folder) if layout == "colmap" else None
+    if reconstruction is not None and _expects_photos_in_root(folder, reconstruction) and contains_photos(folder):
         return True
     return layout is not None and ((folder / "images").is_dir() or layout in ("blender", "nerfstudio"))
 

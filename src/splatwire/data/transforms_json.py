@@ -59,7 +59,8 @@ class TransformsView:
     """One frame of a transforms file.
 
     Attributes:
-        name: Path of the image relative to the file, without a suffix.
+        name: Path of the image as the transforms file states it (with its suffix, if it states one), without a leading
+            `./`, and with the requested image folder in place of `images/`.
         image_path: The image.
         viewmat: float64 (4, 4), world to camera, OpenCV axes.
         K: float64 (3, 3), for an image of `width` x `height` pixels.
@@ -227,7 +228,7 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
 
 
 def _name(file_path: str, images: str | None) -> str:
-    """Returns the name of a view: path of the image in the transforms file, without suffix.
+    """Returns the name of a view: path of the image in the transforms file, without a leading `./`.
 
     Args:
         file_path: Path of the image in the transforms file.

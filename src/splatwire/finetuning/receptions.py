@@ -47,8 +47,9 @@ class SimulatedReception:
         Args:
             fully_received: Mask of the received Gaussians.
         """
-        gain, coverage = float(_GROW.gain(np.array([fully_received.mean()]), fully_received)[0]), SplatScene.COVERAGE
-        return SimulatedReception(fully_received, gain**coverage.size, gain**coverage.opacity)
+        gain = float(_GROW.gain(np.array([fully_received.mean()]), fully_received)[0])
+        strength = SplatScene.GROW_STRENGTH
+        return SimulatedReception(fully_received, gain**strength.size, gain**strength.opacity)
 
     def received_splats(self, splats: Splats) -> Splats:
         """Returns the received Gaussians as a receiver draws them: enlarged to cover gaps."""

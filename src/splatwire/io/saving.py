@@ -143,7 +143,7 @@ def save_decoded(
         outliers: Treatment of Gaussians with extreme values, as for `splatwire.io.formats.write_splats`.
 
     Returns:
-        The scene after concealment.
+        The scene, after concealment if there was any. Lost Gaussians that the file omits are still in it, invisible.
 
     Raises:
         InvalidValueError: If the concealer does not support these elements.

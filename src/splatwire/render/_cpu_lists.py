@@ -38,14 +38,14 @@ def count_row_pairs(tiles, grid_y):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def depth_order(projected, tiles, first_row, last_row):
+def depth_order(projected, tiles, first_row, end_row):
     """Sorts the Gaussians in some rows of tiles by depth, nearest first.
 
     Args:
         projected: Projected Gaussians.
         tiles: Range of tiles of each Gaussian: left, top, right, bottom (exclusive).
         first_row: First row of tiles.
-        last_row: End of the rows of tiles (exclusive).
+        end_row: End of the rows of tiles (exclusive).
 
     Returns:
         Indices of the Gaussians; and the number of tile columns that they overlap, summed over the Gaussians.
@@ -55,7 +55,7 @@ def depth_order(projected, tiles, first_row, last_row):
     keys, spare_keys = np.empty(num, np.uint32), np.empty(num, np.uint32)
     starts, mask = np.zeros((3, 2049), np.int64), np.uint32(2047)
     for g in range(num):
-        if (tiles[g, 3] > first_row) & (tiles[g, 1] < last_row):
+        if (tiles[g, 3] > first_row) & (tiles[g, 1] < end_row):
             key = np.float32(projected[g, DEPTH]).view(np.uint32)  # positive floats sort like their bits
             order[count], keys[count] = g, key
             count += 1
@@ -92,10 +92,10 @@ def _covered_rows(projected, g, left, columns, top, bottom, strips, strip):
     # A Gaussian covers the pixels inside the ellipse with alpha >= 1/255. The rows range from the highest to the
     # lowest such pixel in the column. In a single column, the full height of the ellipse is used, which is faster
     # and adds few rows.
-    y, first_row, end_row = np.float64(projected[g, 1]), np.float64(top), np.float64(bottom)
+    y, first_pixel, end_pixel = np.float64(projected[g, 1]), np.float64(top), np.float64(bottom)
     if columns == 1:
         half_height = np.float64(projected[g, HALF_HEIGHT])
-        strips[strip, 0], strips[strip, 1] = _rows_between(y - half_height, y + half_height, first_row, end_row)
+        strips[strip, 0], strips[strip, 1] = _rows_between(y - half_height, y + half_height, first_pixel, end_pixel)
         return
     A, B, C = np.float64(projected[g, 2]), np.float64(projected[g, 3]), np.float64(projected[g, 4])
     edge_exponent, discriminant = (
@@ -118,7 +118,7 @@ def _covered_rows(projected, g, left, columns, top, bottom, strips, strip):
         if low_square >= 0 and high_square >= 0:
             low = y + factor * (B * low_dx - np.sqrt(low_square))
             high = y + factor * (B * high_dx + np.sqrt(high_square))
-            begin, end = _rows_between(low, high, first_row, end_row)
+            begin, end = _rows_between(low, high, first_pixel, end_pixel)
         strips[strip + i, 0], strips[strip + i, 1] = begin, end
 
 
@@ -139,7 +139,7 @@ def _rows_between(low, high, top, bottom):
 
 @njit(nogil=True, error_model="numpy")
 @no_type_check
-def fill_tiles(projected, order, num_columns, grid_x, first_row, last_row):
+def fill_tiles(projected, order, num_columns, grid_x, first_row, end_row):
     """Lists the Gaussians that each tile draws, nearest first, for some rows of tiles.
 
     Args:
@@ -148,7 +148,7 @@ def fill_tiles(projected, order, num_columns, grid_x, first_row, last_row):
         num_columns: Sum, over all Gaussians, of the number of tile columns that the Gaussian overlaps.
         grid_x: Number of tile columns of the image.
         first_row: First row of tiles.
-        last_row: End of the rows of tiles (exclusive).
+        end_row: End of the rows of tiles (exclusive).
 
     Returns:
         Five arrays:
@@ -162,7 +162,7 @@ def fill_tiles(projected, order, num_columns, grid_x, first_row, last_row):
     """
     # Rows are shifted instead of divided, and array views (reference-counted) are avoided: together this halves the
     # time.
-    strips, starts = np.empty((num_columns, 2), np.int32), np.zeros((last_row - first_row) * grid_x + 1, np.int64)
+    strips, starts = np.empty((num_columns, 2), np.int32), np.zeros((end_row - first_row) * grid_x + 1, np.int64)
     corners = np.empty((order.shape[0], 2), np.int32)  # tile of the first column in the first row; number of columns
     entry_starts, entry, strip = np.zeros(order.shape[0] + 1, np.int64), 0, 0
     for k in range(order.shape[0]):
@@ -172,7 +172,7 @@ def fill_tiles(projected, order, num_columns, grid_x, first_row, last_row):
         left = np.int64(projected[g, TILES])
         columns, corner = np.int64(projected[g, TILES + 2]) - left, left - first_row * grid_x
         top = max(np.int64(projected[g, TILES + 1]), first_row) * TILE
-        bottom = min(np.int64(projected[g, TILES + 3]), last_row) * TILE
+        bottom = min(np.int64(projected[g, TILES + 3]), end_row) * TILE
         _covered_rows(projected, g, left, columns, top, bottom, strips, strip)
         corners[k, 0], corners[k, 1] = corner, columns
         for i in range(columns):

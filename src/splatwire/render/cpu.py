@@ -245,9 +245,11 @@ class ViewRasterizer:
         )
 
     def _fill(self, number: int) -> _Band:
-        first, last = self.band_ranges[number]
-        order, columns = _cpu_lists.depth_order(self.projected, self.tiles, first, last)
-        return _Band(first, order, *_cpu_lists.fill_tiles(self.projected, order, columns, self.grid_x, first, last))
+        first_row, end_row = self.band_ranges[number]
+        order, columns = _cpu_lists.depth_order(self.projected, self.tiles, first_row, end_row)
+        return _Band(
+            first_row, order, *_cpu_lists.fill_tiles(self.projected, order, columns, self.grid_x, first_row, end_row)
+        )
 
 
 def _allocate_projected(num: int) -> np.ndarray:

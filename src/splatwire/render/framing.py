@@ -27,7 +27,11 @@ _ENCLOSING_SHARE = 0.5
 
 
 def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
-    """Places cameras on a circle slightly above a scene so that the scene fills each image.
+    """Places cameras that show a whole scene.
+
+    Explicit Gaussians get cameras on a circle slightly above the scene, which fills each image. Scenes that enclose
+    their cameras (rooms) and neural anchors get `surrounding_cameras` instead: from outside, surfaces that no training
+    photo shows would be visible.
 
     Args:
         scene: The scene.
@@ -37,8 +41,6 @@ def framing_cameras(scene: Scene, num_views: int, size: int) -> Cameras:
     Raises:
         InvalidValueError: If the number of views, pixels or elements is 0.
     """
-    # Scenes that enclose their cameras (rooms) and neural anchors use `surrounding_cameras` instead: from outside,
-    # surfaces without training photos would be visible.
     splats = explicit_gaussians(scene)
     if splats is None or not splats.num_gaussians or not num_views:
         return surrounding_cameras(scene, num_views, size)

@@ -236,7 +236,7 @@ def orbiting_cameras(
 def _check(num_views: int, size: int, count: int) -> None:
     """Checks that the numbers of views, pixels and elements are positive."""
     if num_views < 1 or size < 1 or count < 1:
-        raise InvalidValueError(f"{num_views} views of {size} pixels of {count} anchors show nothing")
+        raise InvalidValueError(f"{num_views} views of {size} pixels of {count} elements show nothing")
 
 
 def _cameras_on_sphere(

@@ -27,8 +27,8 @@ UNREADABLE_TIMEOUT_S = 3.0
 """Time without a change after which an unreadable frame is skipped, seconds."""
 UNREADABLE_TIMEOUT_QUEUED_S = 0.5
 """Time without a change after which an unreadable frame is skipped if later frames wait for it, seconds."""
-MAX_RECHECKS = 16
-"""Maximum number of changes of an unreadable file or folder; after more changes, it is ignored until it is removed."""
+MAX_CHANGES_OF_OTHERS = 16
+"""Maximum number of changes of a file or folder that is no frame; after more, it is ignored until it is removed."""
 MAX_ENTRIES = 4096
 """Maximum number of entries of a folder that are checked for changes; no frame has as many files."""
 LISTING_INTERVAL_S = 5e-6
@@ -221,7 +221,7 @@ class FolderSource:
             else:
                 self._processed[path.name] = signature
                 self._num_changes[path.name] = self._num_changes.get(path.name, 0) + 1
-                if self._num_changes[path.name] > MAX_RECHECKS:
+                if self._num_changes[path.name] > MAX_CHANGES_OF_OTHERS:
                     self._give_up(path)
             del self._pending[path.name]
         return ready
@@ -296,7 +296,7 @@ class UnreadableFrame:
         self._path, self._signature, self._changed = path, signature, now
 
     def is_expired(self, now: float, *, blocks_others: bool) -> bool:
-        """True if a frame file has stayed unreadable for so long that the frame is skipped.
+        """True if a frame is skipped: its file is missing, or has stayed unreadable for too long.
 
         Args:
             now: Current time, seconds.

@@ -29,7 +29,7 @@ from splatwire.files.kinds import (
     opened,
 )
 from splatwire.files.names import path_of
-from splatwire.io.formats import format_of, read_all_rows, read_splatv
+from splatwire.io.formats import format_of, read_rows, read_splatv
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.splatv import MovingSplats
 from splatwire.types import SplatScene
@@ -261,7 +261,7 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
     """
     degree: int | None = None
     for path in files:
-        content, _ = read_all_rows(path)
+        content, _ = read_rows(path)
         splats = content.splats
         if degree is None:
             degree = splats.degree

@@ -47,7 +47,7 @@ class LiveEncoder:
         """
         checked_frame = frame if isinstance(frame, Frame) else Frame.of(frame)
         begins_group = not self.num_frames % self._options.group_frames
-        # the first frame of a period must not be empty
+        # The first group of a period needs a visible Gaussian, and only its first frame is known here.
         if begins_group and self._is_period_full and checked_frame.drawn.any():
             self._begin_period(self.encoder.new_period())
         packets = self.encoder.push(checked_frame)

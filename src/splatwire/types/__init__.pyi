@@ -21,7 +21,7 @@ from splatwire.types.received_scene import Copies as Copies
 from splatwire.types.received_scene import PredictedPositions as PredictedPositions
 from splatwire.types.received_scene import ReceivedScene as ReceivedScene
 from splatwire.types.received_scene import TierSizes as TierSizes
-from splatwire.types.scene import Coverage as Coverage
+from splatwire.types.scene import GrowStrength as GrowStrength
 from splatwire.types.scene import RenderHints as RenderHints
 from splatwire.types.scene import Scene as Scene
 from splatwire.types.splat_scene import SplatCoding as SplatCoding

@@ -16,7 +16,7 @@ from splatwire.types.causal_coding import CausalCoding
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.networks import Mlp
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
-from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.scene import GrowStrength, RenderHints
 from splatwire.types.shapes import check_hints
 from splatwire.types.validity import ElementValidity, validity_of_anchors
 
@@ -119,7 +119,7 @@ class AnchorScene:
 
     ELEMENTS: ClassVar[str] = "anchors"
     """Name of the scene's elements in messages."""
-    COVERAGE: ClassVar[Coverage] = Coverage(size=1.0, opacity=0.0)
+    GROW_STRENGTH: ClassVar[GrowStrength] = GrowStrength(size=1.0, opacity=0.0)
     """Anchors cover surfaces, so only sizes grow until the received ones cover the surface again."""
     anchors: Anchors
     heads: GaussianHeads

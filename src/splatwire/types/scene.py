@@ -33,7 +33,7 @@ class RenderHints(CheckedFields):
 
 
 @dataclass(frozen=True)
-class Coverage(CheckedFields):
+class GrowStrength(CheckedFields):
     """Strength with which the concealer `grow` enlarges received elements next to lost ones.
 
     Each class of scenes has its own strength. Let r be the share of an element's neighbours that were received, e the
@@ -90,7 +90,7 @@ class Scene(Protocol):
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
     ELEMENTS: ClassVar[str]
-    COVERAGE: ClassVar[Coverage]
+    GROW_STRENGTH: ClassVar[GrowStrength]
 
     @property
     def hints(self) -> RenderHints | None:

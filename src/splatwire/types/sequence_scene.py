@@ -14,7 +14,7 @@ from splatwire.reprs import summary_repr
 from splatwire.types.background import BLACK, Background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin
-from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.scene import GrowStrength, RenderHints
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
 from splatwire.types.validity import ElementValidity
@@ -134,7 +134,7 @@ class SequenceScene:
     """
 
     ELEMENTS: ClassVar[str] = "tracks"
-    COVERAGE: ClassVar[Coverage] = SplatScene.COVERAGE
+    GROW_STRENGTH: ClassVar[GrowStrength] = SplatScene.GROW_STRENGTH
     timeline: Timeline
     tracks: Tracks
     motion: Callable[[int, np.ndarray], GroupMotion]

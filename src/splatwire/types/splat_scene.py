@@ -13,7 +13,7 @@ from splatwire.reprs import summary_repr
 from splatwire.types.background import BLACK, Background, check_background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
-from splatwire.types.scene import Coverage, RenderHints
+from splatwire.types.scene import GrowStrength, RenderHints
 from splatwire.types.shapes import check_hints, indices_of
 from splatwire.types.splats import Splats
 from splatwire.types.validity import ElementValidity, validity_of_splats
@@ -75,7 +75,7 @@ class SplatScene:
 
     ELEMENTS: ClassVar[str] = "Gaussians"
     """Name of the scene's elements in messages."""
-    COVERAGE: ClassVar[Coverage] = Coverage(size=0.24, opacity=1.6)
+    GROW_STRENGTH: ClassVar[GrowStrength] = GrowStrength(size=0.24, opacity=1.6)
     """Explicit Gaussians overlap rather than tile a surface, so sizes grow little and opacity rises more. The factors
     are from measurements at 20 % loss of spread packets (neighbours in different packets) on the scenes luigi, tiger,
     truck, guitar and an export of snowmiku_small."""

@@ -28,7 +28,7 @@ class Relay:
         receive: Function that receives the stream and calls back with events.
 
     Attributes:
-        is_live: True if the stream is a live sequence.
+        was_live: True if the stream is a live stream, or was one until it ended.
         preview: Preview of the scene; empty before its arrival, or without a preview.
         ending: Event that ended the transfer, with the reason; None while the transfer runs.
         origin: Origin of the scene's coordinates; (0, 0, 0) until the side information is received.
@@ -40,7 +40,7 @@ class Relay:
         self._url, self._receive = url, receive
         self._pieces: list[bytes] = []
         self._changed = asyncio.Condition()
-        self._over = self.is_live = False
+        self._over = self.was_live = False
         self._stream_id: int | None = None
         self._events: asyncio.Queue[Event | None] = asyncio.Queue()
         self._begun, self._headed = asyncio.Event(), asyncio.Event()
@@ -81,7 +81,7 @@ class Relay:
         The text is empty if the transfer is complete or still running.
         """
         end = self.ending
-        wanted = ("complete", "seen", "sent") if self.is_live else ("complete", "seen")
+        wanted = ("complete", "seen", "sent") if self.was_live else ("complete", "seen")
         return "" if end is None or end.reason in wanted else end.reason
 
     async def begun(self) -> None:
@@ -98,7 +98,7 @@ class Relay:
         while not self._pieces and not self._over:
             async with self._changed:
                 await self._changed.wait()
-        pieces = list(self._pieces) if self.is_live else self._pieces
+        pieces = list(self._pieces) if self.was_live else self._pieces
         while num_given < len(pieces) or self._is_growing(pieces):
             while num_given == len(pieces) and self._is_growing(pieces):
                 async with self._changed:
@@ -121,7 +121,7 @@ class Relay:
     async def _forward(self) -> None:
         while (event := await self._events.get()) is not None:
             if isinstance(event, Welcomed):
-                self.is_live = event.is_live or self.is_live
+                self.was_live = event.is_live or self.was_live
                 if event.preview:
                     self.preview = event.preview
                     self._begun.set()

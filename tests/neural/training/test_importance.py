@@ -11,7 +11,7 @@ from splatwire.data import Dataset
 from splatwire.neural.training.config import PacketLossConfig, TrainConfig
 from splatwire.neural.training.context import AnchorCache
 from splatwire.neural.training.hacpp import TrainableHacpp
-from splatwire.neural.training.importance import importance_of, order_anchors
+from splatwire.neural.training.importance import importance_of, sort_by_importance
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.kernels import COMPILED
 from splatwire.neural.training.packet_loss import PacketLossSimulator, ReceivedAnchors
@@ -40,7 +40,7 @@ def test_anchors_are_reordered_with_all_their_state(state: TrainState, config: T
     share = np.random.default_rng(1).random(state.num_anchors)
     rows = {tuple(v): (f.tolist(), float(s)) for v, f, s in zip(
         state.voxels.tolist(), state.parameters["features"].detach(), share, strict=True)}  # fmt: skip
-    order_anchors(state, Importance.of_footprints(share))
+    sort_by_importance(state, Importance.of_footprints(share))
     found = [rows[tuple(v)] for v in state.voxels.tolist()]
     assert [f for f, _ in found] == state.parameters["features"].tolist()
     assert [s for _, s in found] == sorted((s for _, s in found), reverse=True)
@@ -74,7 +74,7 @@ def test_anchors_are_sorted_again_as_importance_changes(
     )
     channel = PacketLossSimulator(config, TrainableHacpp(config, COMPILED, AnchorCache(config)), AnchorCache(config))
     state.iteration = config.milestones.growth_end + since
-    order_anchors(state, Importance.of_footprints(-importance_of(state, config, dataset.cameras).share + 1))
+    sort_by_importance(state, Importance.of_footprints(-importance_of(state, config, dataset.cameras).share + 1))
     channel.before_iteration(state, dataset.cameras)
     share = importance_of(state, config, dataset.cameras).share
     assert bool((share[:-1] >= share[1:]).all()) == again

@@ -136,7 +136,7 @@ def test_anchors_per_packet_count_masks_that_the_estimate_excludes(
 
     class Recorder(PacketLossSimulator):
         def lose_packets(
-            self, state: TrainState, packetization: Packetization, model: LossModel, seed: int, packet_anchors: int
+            self, state: TrainState, packetization: Packetization, loss_model: LossModel, seed: int, packet_anchors: int
         ) -> None:
             found.append(packet_anchors)
 

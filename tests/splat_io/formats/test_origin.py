@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splat_io.formats.handmade import some_splats
+from splat_io.formats.handmade import ply, some_splats
 from splatwire.errors import DatasetError
-from splatwire.io.formats import read_content, read_rows, read_splats, write_splats
+from splatwire.io.formats import read_content, read_splats, read_world_rows, write_splats
 from splatwire.io.formats._asset import origin_of_asset
+from splatwire.io.formats.ply_file import read_ply_elements
 from splatwire.types.metadata import SceneMetadata, StartView
 from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
@@ -31,6 +32,20 @@ def geo_ply(splats: Splats, shift: np.ndarray, path: Path, kind: str = "double")
         head = head.replace(f"property float {axis}\n".encode(), f"property {kind} {axis}\n".encode())
     path.write_bytes(head + mark + records.tobytes())
     return path
+
+
+@pytest.mark.parametrize(("shift", "has_origin"), [(60.0, False), (1e6, True)])
+def test_origin_does_not_depend_on_the_byte_order_of_float32_positions(
+    shift: float, has_origin: bool, tmp_path: Path
+) -> None:
+    path = geo_ply(some_splats(300, 0), np.full(3, shift), tmp_path / "a.ply", "float")
+    elements = {"vertex": next(iter(read_ply_elements(path).values())).rows}
+    origins = []
+    for form in ("binary_little_endian", "binary_big_endian"):
+        path.write_bytes(ply(form, elements))
+        origins.append(read_content(path).origin)
+    assert origins[0] == origins[1]
+    assert (origins[0] != NO_ORIGIN) == has_origin
 
 
 @pytest.mark.parametrize("near", [UTM, ECEF, (0.0, 7e6, 0.0)])
@@ -182,7 +197,7 @@ def test_readers_return_world_coordinates_on_request(tmp_path: Path) -> None:
     splats = some_splats(300, 0)
     write_splats([splats], tmp_path / "a.ply", origin=UTM)
     expected = splats.means.astype(np.float64) + np.array(UTM, np.float64)
-    for found in (read_splats(tmp_path / "a.ply"), read_rows(tmp_path / "a.ply")[0]):
+    for found in (read_splats(tmp_path / "a.ply"), read_world_rows(tmp_path / "a.ply")[0]):
         assert np.array_equal(found.means, expected.astype(np.float32))
 
 

@@ -551,8 +551,10 @@ export class Controller {
 
   /** Replaces the preview when the first Gaussians of the scene arrive. */
   #start(): void {
-    const room = this.host.updates ? UPDATE_ROOM : 1;
-    if (!this.#started) this.stage.begin(this.#size, this.#viewUpdates ? 0 : room * this.#numElements);
+    const room = this.host.updates ? UPDATE_ROOM : 1,
+      // `#numElements` of a clip counts the keyframes and motion of all groups, not the Gaussians of a frame
+      hasUnknownSize = this.#viewUpdates || this.#playback.isSequence;
+    if (!this.#started) this.stage.begin(this.#size, hasUnknownSize ? 0 : room * this.#numElements);
     this.#started = true;
   }
 

@@ -12,7 +12,7 @@ const MAX_RESERVED = 1 << 18;
 export class SingleMesh {
   readonly #entity: Entity;
   #parts: Packed[] = [];
-  #count = 0;
+  #numAdded = 0;
   #gains: Float32Array | null = null;
   /** Newest Gaussians, which `add` fills; on the screen once they are shown and sorted. */
   #current: GpuGaussians | null = null;
@@ -29,13 +29,14 @@ export class SingleMesh {
     app.root.addChild(this.#entity);
   }
 
+  /** Number of Gaussians that are drawn or being sorted; those in `#larger` do not count yet. */
   get count(): number {
     return this.#current?.count ?? 0;
   }
 
   /** True if no Gaussians were added. */
   get isEmpty(): boolean {
-    return !this.#count;
+    return !this.#numAdded;
   }
 
   /** True if Gaussians exist that others can replace. */
@@ -47,8 +48,8 @@ export class SingleMesh {
   add(packed: Packed): number {
     const target = this.#larger ?? this.#current;
     this.#parts.push(packed);
-    this.#count += packed.count;
-    if (!target || target.capacity < this.#count || target.degree !== packed.degree)
+    this.#numAdded += packed.count;
+    if (!target || target.capacity < this.#numAdded || target.degree !== packed.degree)
       return this.#enlarge(packed.degree);
     const before = target.bytes;
     target.append(packed);
@@ -88,7 +89,7 @@ export class SingleMesh {
    */
   replace(sorted: boolean): void {
     this.#parts = [];
-    this.#count = 0;
+    this.#numAdded = 0;
     this.#gains = null;
     this.#larger?.destroy();
     this.#larger = null;
@@ -128,12 +129,12 @@ export class SingleMesh {
     this.#larger?.destroy();
     this.#current = this.#larger = this.#gains = null;
     this.#parts = [];
-    this.#count = 0;
+    this.#numAdded = 0;
   }
 
   /** Uploads everything added to larger memory. Returns the number of uploaded bytes. */
   #enlarge(degree: number): number {
-    const count = this.#count,
+    const count = this.#numAdded,
       expected = Math.min(this.expected, MAX_RESERVED),
       room = count <= expected ? expected : Math.max(MIN_CAPACITY, 2 ** Math.ceil(Math.log2(count)));
     this.#larger?.destroy();

@@ -113,7 +113,7 @@ export type FromWorker =
       numKept: number;
     }
   | { kind: "note"; text: string }
-  /** End of the transfer: `complete`, `sent` or `stopped`. */
+  /** End of the transfer: `complete`, `sent`, `stopped`, or a reason in words. */
   | { kind: "finished"; outcome: string; complete: boolean }
   | { kind: "failed"; text: string }
   /** Disconnect: its reason, and the time until the next attempt in milliseconds. */

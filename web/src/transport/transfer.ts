@@ -84,7 +84,7 @@ export class Transfer {
   #isGrown = false;
   /** Number of later welcome messages since the last head. */
   #numWelcomesSinceHead = 0;
-  readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, packetBytes: 0 };
+  readonly counts = { bytes: 0, datagrams: 0, rejected: 0, duplicates: 0, packets: 0, receivedPacketBytes: 0 };
   /** Time until which the request is not repeated, because a live stream has not begun. */
   waitUntil = 0;
   readonly #request: Uint8Array;
@@ -402,9 +402,9 @@ export class Transfer {
   /** Accepts a packet. In a growing stream it may arrive before the message that announces it (`mayBeEarly`). */
   #acceptPacket(packetIndex: number, bytes: Uint8Array, mayBeEarly = false): void {
     if (!this.head && this.newPackets.length >= MAX_PACKETS_BEFORE_HEAD) return void this.counts.rejected++;
-    const { packets, packetBytes, streamId, isLive, orderDigest } = this.welcome!,
+    const { packets, maxPacketBytes, streamId, isLive, orderDigest } = this.welcome!,
       packet = readPacket(bytes, streamId);
-    if (packetIndex >= packets || bytes.length > packetBytes || !packet) {
+    if (packetIndex >= packets || bytes.length > maxPacketBytes || !packet) {
       if (isLive && mayBeEarly && this.#waitingPackets.length < MAX_WAITING_PACKETS)
         this.#waitingPackets.push({ index: packetIndex, bytes });
       else this.counts.rejected++;
@@ -419,7 +419,7 @@ export class Transfer {
     this.#packetStates[packetIndex] = 1;
     this.newPackets.push({ order: orderDigest, position: packetIndex, bytes });
     this.counts.packets++;
-    this.counts.packetBytes += bytes.length;
+    this.counts.receivedPacketBytes += bytes.length;
   }
 
   /**

@@ -56,7 +56,8 @@ export interface Welcome {
   readonly digest: Uint8Array;
   readonly symbolBytes: number;
   readonly packets: number;
-  readonly packetBytes: number;
+  /** Size of the largest packet, bytes. */
+  readonly maxPacketBytes: number;
   /** Number of packets bundled with the init segment. */
   readonly bundled: number;
   /** True if the order of the packets depends on the client's view: its tiles come first. */
@@ -92,7 +93,7 @@ export function readWelcome(bytes: Uint8Array, nonce: bigint): Welcome | null {
     digest: bytes.slice(25, 57),
     symbolBytes: view.getUint16(57, true),
     packets: view.getUint32(59, true),
-    packetBytes: view.getUint16(63, true),
+    maxPacketBytes: view.getUint16(63, true),
     bundled: view.getUint32(65, true),
     viewDependent: (flags & VIEW_DEPENDENT) > 0,
     isLive: (flags & LIVE) > 0,

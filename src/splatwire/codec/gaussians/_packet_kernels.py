@@ -53,7 +53,7 @@ SPARE_BYTES = 64
 
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
-def _deinterleave_codes(codes, cells, narrow):
+def _cells_of_codes(codes, cells, narrow):
     """Converts Morton codes of grid cells to cell coordinates.
 
     Args:
@@ -230,7 +230,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
             cell_codes[i] = codes[order[i]] >> (3 * (cell_shift - max(box_bits - MAX_CELL_BITS, 0)))
     # `cells[0]` serves as working array, before the cells are written to it.
     _code_cell_codes(coder, cell_codes, 3 * (box_bits - cell_shift), interleaved, cells[0], stack)
-    _deinterleave_codes(cell_codes, cells, neighbours.narrow)
+    _cells_of_codes(cell_codes, cells, neighbours.narrow)
     for i in range(n):
         j = 0 if coder.decoding else order[i]
         row = rows[i]
@@ -375,21 +375,23 @@ def encode_limited(
     """
     total, begin, at, num_packets = len(rows), ZERO, ZERO, 0
     target_bytes = max_payload_bytes - (max_payload_bytes >> TARGET_FILL_BITS)
-    precision_classes, used_size = source[CLASSES_FIELD], np.int64(0)
+    # Sum of the estimated sizes (`_relative_size`) of all Gaussians in finished packets.
+    precision_classes, coded_size = source[CLASSES_FIELD], np.int64(0)
     while begin < total:
         num_left = total - begin
-        low, high, num_tries, last, length = 0, num_left + 1, 0, 0, 0
+        low, high, num_tries, last_tried, length = 0, num_left + 1, 0, 0, 0
         n = (
-            _count_within(precision_classes[begin:], used_size * target_bytes // at)
+            _count_within(precision_classes[begin:], coded_size * target_bytes // at)
             if at
             else min(max(max_payload_bytes // ASSUMED_GAUSSIAN_BYTES, 1), num_left)
         )
+        # Searches for the largest number of Gaussians that fit into the packet: `low` fit, `high` do not.
         while high - low > 1:
             length = _encode_packet(
                 tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
                 rows[begin : begin + n], harmonics[begin : begin + n],
             )  # fmt: skip
-            num_tries, last = num_tries + 1, n
+            num_tries, last_tried = num_tries + 1, n
             if length <= max_payload_bytes or n == 1:
                 low = n
                 if n == num_left or length >= max_payload_bytes - (max_payload_bytes >> MIN_FILL_BITS) or num_tries > 6:
@@ -398,14 +400,14 @@ def encode_limited(
                 high = n
             max_size = _relative_size(precision_classes[begin : begin + n]) * target_bytes // max(length, 1)
             n = min(max(_count_within(precision_classes[begin:], max_size), low + 1), high - 1)
-        if last != low:
+        if last_tried != low:
             length = _encode_packet(
                 tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],
                 rows[begin : begin + low], harmonics[begin : begin + low],
             )  # fmt: skip
         at += length
         counts[num_packets], ends[num_packets] = low, at
-        used_size += _relative_size(precision_classes[begin : begin + low])
+        coded_size += _relative_size(precision_classes[begin : begin + low])
         begin += low
         num_packets += 1
     return num_packets

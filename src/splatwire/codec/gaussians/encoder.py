@@ -129,13 +129,13 @@ def fit_side_info(
     unfitted, (bit_counts, residuals) = SideInfo(*fields, even_odds(), initial_scale_indices()), empty_statistics()
 
     blocks = scene.sample_blocks()
-    packets_per_block = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
+    sampled_per_block = np.clip(scene.edges[-1] / FITTED_PACKET * FITTED_SHARE, MIN_FITTED, MAX_FITTED) / len(blocks)
 
     def count_symbols(block: int) -> tuple[np.ndarray, np.ndarray]:
         size = int(scene.edges[block + 1] - scene.edges[block])
         num_packets = -(-size // FITTED_PACKET)
         starts = np.arange(num_packets + 1) * size // num_packets
-        num_sampled = min(num_packets, int(np.ceil(packets_per_block)))
+        num_sampled = min(num_packets, int(np.ceil(sampled_per_block)))
         sampled_packets = np.unique(np.linspace(0, num_packets - 1, num_sampled).astype(int))
         sample = np.concatenate([np.arange(starts[packet], starts[packet + 1]) for packet in sampled_packets])
         return encode_block(

@@ -75,8 +75,8 @@ COEFFICIENTS = np.array(
     ],
     dtype=np.int64,
 )
-"""Dependence of quantisation steps on decoded scales and opacity: number of octaves (out of 64) by which the step of
-each quantity in `STEPS` (one per row) becomes finer when the value of a column grows by an octave; int64 (steps, 4).
+"""Dependence of quantisation steps on decoded scales and opacity. When the value of a column doubles, the step of each
+quantity in `STEPS` (one per row) becomes finer by this number of 64ths of an octave; int64 (steps, 4).
 """
 
 MAX_CLASSES = 8

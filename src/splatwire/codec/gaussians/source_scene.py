@@ -97,8 +97,8 @@ class SourceScene:
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         precision_classes: uint8 (N), in input order, which select the quantisation steps; 0 is the coarsest.
         size_log: log2 of the scene's size in world units.
-        lattice_bits: Resolution of positions. Positions are on a lattice whose spacing is `2 ** (size_log -
-            lattice_bits)` world units.
+        lattice_bits: Resolution of positions. Positions are multiples of half a lattice spacing; the spacing is
+            `2 ** (size_log - lattice_bits)` world units.
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
             class 0 (the coarsest), in fixed point with `STEP_BITS` fractional bits.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
@@ -219,12 +219,12 @@ class SourceScene:
             (see `summarise_block`), int64 (7), multiples of `1 << MEAN_SHIFT`.
         """
         members = self.order[self.block_range(block)]
-        scene, indices = self._kernel_splats(members)
+        splats, indices = self._kernel_splats(members)
         bounds, means = np.empty((2, 3), np.int64), np.empty(7)
         centres = self.centres if indices is members else self.centres.take(members, axis=0)
         check_lattice_range(
             sources.summarise_block(
-                indices, centres, scene.scales, scene.opacities, scene.sh, self._spacings_per_unit, self.size_log,
+                indices, centres, splats.scales, splats.opacities, splats.sh, self._spacings_per_unit, self.size_log,
                 LUMA_CHROMA * DC, GREY, np.empty((2, 4), np.int64), bounds, means,
             )
         )  # fmt: skip
@@ -319,13 +319,13 @@ class SourceScene:
         positions, codes, cell_shift, order = self._block_positions(block, info)
         order = order[selection]
         members = self.order[self.block_range(block)].take(order)
-        scene, indices = self._kernel_splats(members)
+        splats, indices = self._kernel_splats(members)
         precision_classes, count = self.precision_classes.take(members).astype(np.int64), len(order)
         logs, axes, colours = np.empty((count, 4), np.int64), np.empty((count, 3, 3)), np.empty((count, 3), np.int64)
         harmonics = np.empty((count, info.num_harmonic_columns), np.int32)
         inverse, zero_thresholds = info.harmonics_inverse
         sources.gather_sources(
-            indices, scene.quats, scene.scales, scene.opacities, scene.sh, self.size_log, LUMA_CHROMA * DC, GREY,
+            indices, splats.quats, splats.scales, splats.opacities, splats.sh, self.size_log, LUMA_CHROMA * DC, GREY,
             LUMA_CHROMA * (1 << BITS), inverse, zero_thresholds, np.empty((6, inverse.shape[1])), precision_classes,
             logs, axes, colours, harmonics,
         )  # fmt: skip

@@ -159,7 +159,7 @@ def _origin(vertices: PlyElement) -> Origin:
     stated = stated_origin(ORIGIN, vertices.comments)
     if stated is not None and (distance := misses_positions(stated, means)) is None:
         return stated
-    has_doubles = any(vertices.rows.dtype[name] != np.float32 for name in _AXES)
+    has_doubles = any(vertices.rows.dtype[name].itemsize > _FLOAT_BYTES for name in _AXES)
     chosen = choose_origin(means, low_thresholds=has_doubles)
     if stated is not None:
         LOG.warning(

@@ -108,7 +108,7 @@ class TrainableCausal:
         networks, nothing = causal_networks(state.parameters, self._causal_config), inputs.new_zeros(len(inputs), 1)
         predicted = predict_causal(
             _functions(networks), self._causal_config, inputs, nothing.expand(-1, layout.feature_dim),
-            nothing.expand(-1, NUM_LOG_SCALINGS), quantised=lambda name, mean, values: mean, join=torch.cat,
+            nothing.expand(-1, NUM_LOG_SCALINGS), input_values=lambda name, mean, values: mean, join=torch.cat,
         )  # fmt: skip
         steps = attribute_steps(state.parameters["log_steps"], self._causal_config)[1]
         return expanded_scalings((predicted.log_scalings[0] * steps + state.parameters["zero_points"]).exp())
@@ -305,12 +305,12 @@ def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: F
         config: The configuration.
         position_inputs: Positions of all anchors and their positional encoding, as inputs of the position network.
     """
-    model, parameters = config.causal, state.parameters
+    model_config, parameters = config.causal, state.parameters
     alive = state.masks(config.mask_threshold).any(dim=1)
     if int(alive.sum()) < 2:
         return
     parameters["zero_points"].copy_(parameters["log_scalings"][alive].mean(dim=0))
-    steps = attribute_steps(parameters["log_steps"], model)
+    steps = attribute_steps(parameters["log_steps"], model_config)
     logs = parameters["log_scalings"] - parameters["zero_points"]
     columns = parameters["features"], logs, parameters["offsets"].flatten(1)
     means, log_deviations = [], []
@@ -318,7 +318,7 @@ def initialise_causal(state: TrainState, config: TrainConfig, position_inputs: F
         values = values[alive] / step
         means.append(values.mean(dim=0))
         log_deviations.append(values.std(dim=0).clamp(min=MIN_INITIAL_DEVIATION).log2())
-    groups, before = model.layout.feature_groups, 0
+    groups, before = model_config.layout.feature_groups, 0
     start = {}
     for group, size in enumerate(groups):
         part = slice(before, before + size)

@@ -82,8 +82,8 @@ class Milestones:
         iterations: Total number of iterations.
         noise_start: Start of uniform noise, which simulates the quantisation of attributes with fixed steps.
         growth_pause_end: End of a pause in which no anchors are added or removed; the pause begins at `noise_start`.
-        context_start: Start of the context phase: the context model determines the quantisation steps, and the
-            training loss includes the rate.
+        context_start: Start of the context phase, in which the training loss includes the rate. The quantisation steps
+            are trained from here on (causal model), or predicted by the context model (HAC++).
         statistics_start: Start of gathering gradients and opacities, which decide where anchors are added and removed.
         growth_start: Start of adding and removing anchors.
         growth_end: End of adding and removing anchors.
@@ -187,24 +187,26 @@ class LossWeights:
 class RefineConfig:
     """Settings for refining the context model after training, with fixed anchors.
 
-    The entries of the binary hash grid are the signs of real numbers, which are trained.
+    The causal model has no hash grid, and its steps do not change here. The entries of HAC++'s binary hash grid are the
+    signs of real numbers, which are trained.
 
     Attributes:
         steps: Number of Adam steps; 0 disables the refinement.
         batch: Number of anchors per Adam step.
         network_rate: Initial learning rate of the networks.
-        grid_rate: Initial learning rate of the hash grid.
-        latent: Initial absolute value of the real numbers that are trained in place of the hash grid's signs.
-        step_weight: Penalty on changes of the quantisation steps, bits. The network predicts each step by an output
-            (logit). If the refinement changes this logit by d, `step_weight * d ** 2` bits are added to the anchor's
-            cost.
-        grid_weight: Weight of each bit of the encoded hash grid in the training loss. Each bit of the encoded anchors
-            has weight 1.
+        grid_rate: HAC++ only: initial learning rate of the hash grid.
+        latent: HAC++ only: initial absolute value of the real numbers that are trained in place of the hash grid's
+            signs.
+        step_weight: HAC++ only: penalty on changes of the quantisation steps, bits. The network predicts each step by
+            an output (logit). If the refinement changes this logit by d, `step_weight * d ** 2` bits are added to the
+            anchor's cost.
+        grid_weight: HAC++ only: weight of each bit of the encoded hash grid in the training loss. Each bit of the
+            encoded anchors has weight 1.
         seed: Seed of the random choice of anchors.
     """
 
-    # Network outputs are scaled by the predicted standard deviations, so that one learning rate suits all. Without
-    # the penalty `step_weight`, quantisation steps would become coarser, which saves bits but changes the scene.
+    # HAC++: network outputs are scaled by the predicted standard deviations, so that one learning rate suits all.
+    # Without the penalty `step_weight`, steps would become coarser, which saves bits but changes the scene.
     # `grid_weight` is above 1 because the grid also needs bytes for protection against loss.
 
     steps: int = 600

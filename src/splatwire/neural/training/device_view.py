@@ -103,7 +103,7 @@ def visible_anchors(
         positions: World coordinates of the anchors.
         sizes: Size of each anchor, one for all axes or one per axis, world units.
     """
-    ratio, depth, is_far = views.local(positions, view)
+    ratio, depth, beyond_near = views.local(positions, view)
     rotation = views.rotations[view]
     center = torch.addcmul(views.middles[view], ratio, views.focals[view]).sub_(0.5)
     ratio = ratio.clamp(views.lowest[view], views.highest[view])
@@ -113,18 +113,18 @@ def visible_anchors(
     (xx, yy), half = spreads.unbind(dim=1), (spreads[:, 0] - spreads[:, 1]).mul_(0.5)
     longest = half.square_().addcmul_(cross, cross).clamp_(min=0.1).sqrt_().add_(xx, alpha=0.5).add_(yy, alpha=0.5)
     radius = longest.sqrt_().mul_(3).ceil_()[:, None]
-    return ((center - radius < views.tiled) & (center + radius >= 1)).all(dim=1) & is_far
+    return ((center - radius < views.tiled) & (center + radius >= 1)).all(dim=1) & beyond_near
 
 
 @torch.no_grad()
 def on_image(views: ViewConstants, view: int, gaussians: Gaussians) -> Bool[Tensor, "G"]:
     """Returns the mask of the Gaussians that may intersect the image."""
-    ratio, depth, is_far = views.local(gaussians.means, view)
+    ratio, depth, beyond_near = views.local(gaussians.means, view)
     focal = views.focals[view]
     center = torch.addcmul(views.middles[view], ratio, focal)
     spread = gaussians.scales.amax(dim=1, keepdim=True) * focal.amax() / depth
     radius = spread.square_().add_(DILATION).sqrt_().mul_(3)
-    return ((center + radius > 0) & (center - radius < views.size)).all(dim=1) & is_far
+    return ((center + radius > 0) & (center - radius < views.size)).all(dim=1) & beyond_near
 
 
 def spawn_all(

@@ -55,16 +55,16 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     return to_arrays(AnchorScene(anchors, heads, coding, background=config.background, origin=state.origin))
 
 
-def _causal(state: TrainState, model: CausalConfig) -> CausalCoding:
-    networks = {name: copied_mlp(mlp) for name, mlp in causal_networks(state.parameters, model).items()}
+def _causal(state: TrainState, model_config: CausalConfig) -> CausalCoding:
+    networks = {name: copied_mlp(mlp) for name, mlp in causal_networks(state.parameters, model_config).items()}
     return CausalCoding(
         networks, state.parameters["log_steps"].exp(), state.parameters["zero_points"].clone(),
         (state.bounds_max + state.bounds_min) / 2, (state.bounds_max - state.bounds_min) / 2,
-        state.voxel_size, model,
+        state.voxel_size, model_config,
     )  # fmt: skip
 
 
-def _hacpp(state: TrainState, model: HacppConfig) -> HacppCoding:
+def _hacpp(state: TrainState, model_config: HacppConfig) -> HacppCoding:
     parameters, networks = state.parameters, state.networks
     grid = HashGrid(
         volume=_signs(parameters["grid.volume"]),
@@ -74,7 +74,7 @@ def _hacpp(state: TrainState, model: HacppConfig) -> HacppCoding:
     )
     channel = tuple(copied_mlp(mlp) for mlp in networks.channel)
     context = HacppContextModel(grid, copied_mlp(networks.context_prior), channel)
-    return HacppCoding(context, state.voxel_size, model)
+    return HacppCoding(context, state.voxel_size, model_config)
 
 
 def _signs(values: Tensor) -> Tensor:

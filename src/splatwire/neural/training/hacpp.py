@@ -152,7 +152,7 @@ class TrainableHacpp:
 
 
 def step_network(prior: Mlp) -> Mlp:
-    """Returns a copy of the prior network reduced to the outputs that predict quantisation steps."""
+    """Returns the part of the prior network that predicts quantisation steps; it shares the network's weights."""
     return Mlp(prior.hidden, Linear(prior.output.weight[-3:], prior.output.bias[-3:]), prior.negative_slope)
 
 

@@ -23,6 +23,6 @@ def importance_of(state: TrainState, config: TrainConfig, cameras: Cameras) -> I
     return footprint_importance(export_scene(state, config, state.device), cameras)
 
 
-def order_anchors(state: TrainState, importance: Importance) -> None:
+def sort_by_importance(state: TrainState, importance: Importance) -> None:
     """Sorts the anchors of a training state by importance, most important first, in place."""
     keep_anchors(state, torch.from_numpy(np.argsort(-importance.share, kind="stable")).to(state.device))

@@ -133,7 +133,7 @@ class TrainingLoop:
             check_photos(self.test_data)
         return photos
 
-    def run(self, model: ModelTraining, photos: PhotoStore) -> bool:
+    def run(self, training: ModelTraining, photos: PhotoStore) -> bool:
         """Trains until the last iteration; then writes a checkpoint if the options name a checkpoint file.
 
         Returns:
@@ -145,28 +145,28 @@ class TrainingLoop:
             DivergedError: If the loss or a parameter is not finite.
             OSError: If a checkpoint cannot be written.
         """
-        if max(model.state.view_queue, default=0) >= self.train_data.num_views:
+        if max(training.state.view_queue, default=0) >= self.train_data.num_views:
             raise DatasetError("the checkpoint is of a run with more training views than there are here")
-        stopped = self._iterate(model, photos)
+        stopped = self._iterate(training, photos)
         if self.options.checkpoint is not None:
-            model.save(self.options.checkpoint)
+            training.save(self.options.checkpoint)
         return stopped
 
-    def _iterate(self, model: ModelTraining, photos: PhotoStore) -> bool:
-        state = model.state
-        while state.iteration < model.iterations:
+    def _iterate(self, training: ModelTraining, photos: PhotoStore) -> bool:
+        state = training.state
+        while state.iteration < training.iterations:
             started = time.perf_counter()
             if not state.view_queue:
                 state.view_queue = torch.randperm(self.train_data.num_views, generator=state.generator).tolist()
             view = state.view_queue.pop()
-            report = model.step(view, photos.photo(view))
+            report = training.step(view, photos.photo(view))
             elapsed = time.perf_counter() - started
             self.seconds += elapsed
-            self.listener.progress(model.running_means.update(state, report, elapsed, self.seconds))
-            self.listener.iterated(lambda: model.scene(self.device))
+            self.listener.progress(training.running_means.update(state, report, elapsed, self.seconds))
+            self.listener.iterated(lambda: training.scene(self.device))
             if self.listener.should_stop():
-                return bool(state.iteration < model.iterations)
-            self._checkpoint_and_test(model)
+                return bool(state.iteration < training.iterations)
+            self._checkpoint_and_test(training)
         return False
 
     def test(self, scene: Scene, iteration: int, num_views: int) -> QualityReport | None:
@@ -187,14 +187,14 @@ class TrainingLoop:
         self.listener.tested(report)
         return report
 
-    def _checkpoint_and_test(self, model: ModelTraining) -> None:
+    def _checkpoint_and_test(self, training: ModelTraining) -> None:
         """Writes a checkpoint and tests the scene, at the intervals of the options."""
-        state, options = model.state, self.options
-        if state.iteration == model.iterations:
+        state, options = training.state, self.options
+        if state.iteration == training.iterations:
             return
         if options.checkpoint is not None and state.iteration % options.checkpoint_interval == 0:
             if not all(bool(torch.isfinite(value).all()) for value in state.parameters.values()):
                 raise DivergedError(state.iteration)
-            model.save(options.checkpoint)
+            training.save(options.checkpoint)
         if options.test_interval and state.iteration % options.test_interval == 0 and self.test_data is not None:
-            self.test(model.scene(self.device), state.iteration, options.max_test_views)
+            self.test(training.scene(self.device), state.iteration, options.max_test_views)

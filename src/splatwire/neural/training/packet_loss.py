@@ -19,7 +19,7 @@ from splatwire.concealment import Grow
 from splatwire.concealment.grow import lost_share_among
 from splatwire.neural.training.config import TrainConfig
 from splatwire.neural.training.context import AnchorCache, MaskedAttributes, SampleBits
-from splatwire.neural.training.importance import importance_of, order_anchors
+from splatwire.neural.training.importance import importance_of, sort_by_importance
 from splatwire.neural.training.models import TrainableContextModel
 from splatwire.neural.training.state import TrainState, keep_anchors
 from splatwire.ops.arrays import to_numpy
@@ -73,16 +73,16 @@ class PacketLossSimulator:
 
     Args:
         config: The configuration.
-        model: Context model; predicts the sizes of lost anchors as a receiver does.
+        context_model: Predicts the sizes of lost anchors as a receiver does.
         cache: Cache of the anchors' positions.
     """
 
-    def __init__(self, config: TrainConfig, model: TrainableContextModel, cache: AnchorCache) -> None:
-        self._config, self._model, self._cache = config, model, cache
+    def __init__(self, config: TrainConfig, context_model: TrainableContextModel, cache: AnchorCache) -> None:
+        self._config, self._context_model, self._cache = config, context_model, cache
         self._loss_models = tuple(parse_loss(text) for text in config.packet_loss.models)
         self._voxels: Tensor | None = None
         self._neighbors = np.empty((0, 0), np.int64)
-        self._order = torch.empty(0, dtype=torch.int64)
+        self._index_of_rank = torch.empty(0, dtype=torch.int64)  # rank in coding order
 
     def active(self, state: TrainState) -> bool:
         """True if the current training iteration (`state.iteration`, counted from 1) may simulate packet losses."""
@@ -123,7 +123,7 @@ class PacketLossSimulator:
         if bool(has_offsets.any()) and not bool(has_offsets.all()):
             keep_anchors(state, has_offsets)
         if num_iterations % _SORT_INTERVAL == 1 and self._config.packet_loss.received_shares:
-            order_anchors(state, importance_of(state, self._config, cameras))
+            sort_by_importance(state, importance_of(state, self._config, cameras))
 
     @torch.no_grad()
     def simulate(self, state: TrainState, estimated_bits: SampleBits | None) -> ReceivedAnchors | None:
@@ -164,19 +164,20 @@ class PacketLossSimulator:
         Returns:
             Received anchors, and factors by which their Gaussians are enlarged; None if all or no anchors are received.
         """
-        self._update_order(state)
-        return self._concealed(state, self._order < round(share * state.num_anchors), cut_off=True)
+        self._update_ranks(state)
+        # the index of an anchor is its rank by importance
+        return self._concealed(state, self._index_of_rank < round(share * state.num_anchors), cut_off=True)
 
     @torch.no_grad()
     def lose_packets(
-        self, state: TrainState, packetization: Packetization, model: LossModel, seed: int, packet_anchors: int
+        self, state: TrainState, packetization: Packetization, loss_model: LossModel, seed: int, packet_anchors: int
     ) -> ReceivedAnchors | None:
         """Simulates the loss of packets according to a loss model, and conceals it as a receiver would.
 
         Args:
             state: State of the training.
             packetization: Rule that splits anchors into packets.
-            model: The loss model.
+            loss_model: The loss model.
             seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
             packet_anchors: Estimated number of anchors per packet. Only used with hashed grouping, which fills packets
                 up to a size in bytes.
@@ -184,9 +185,9 @@ class PacketLossSimulator:
         Returns:
             Received anchors, and factors by which their Gaussians are enlarged; None if all or no anchors are received.
         """
-        self._update_order(state)
+        self._update_ranks(state)
         packet = packet_of_rank(packetization, state.num_anchors, packet_anchors)
-        is_packet_received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), model, seed)
+        is_packet_received, _ = draw_in_order(np.ones(int(packet.max()) + 1, np.int64), loss_model, seed)
         return self._concealed(state, torch.from_numpy(is_packet_received[packet]).to(state.device))
 
     def _concealed(
@@ -205,19 +206,21 @@ class PacketLossSimulator:
         if bool(received_by_rank.all()) or not bool(received_by_rank.any()):
             return None
         received = torch.empty_like(received_by_rank)
-        received[self._order] = received_by_rank
+        received[self._index_of_rank] = received_by_rank
         gain_by_rank = torch.ones(state.num_anchors, device=state.device)
         if self._neighbors.shape[1]:
             is_received = to_numpy(received_by_rank)
             tier_sizes = self._tier_sizes(state, received_by_rank) if cut_off else None
             size = tier_sizes
             if size is None:
-                size = np.exp(mean_log_size(self._model.expected_scalings(state, self._order)).astype(np.float64))
+                size = np.exp(
+                    mean_log_size(self._context_model.expected_scalings(state, self._index_of_rank)).astype(np.float64)
+                )
             lost_share = lost_share_among(self._neighbors[is_received], size * ~is_received, size).astype(np.float32)
             gain = torch.from_numpy(_GROW.gain(1 - lost_share, is_received, tier_sizes))
             gain_by_rank[received_by_rank] = gain.to(gain_by_rank)
         size_gain = torch.empty_like(gain_by_rank)
-        size_gain[self._order] = gain_by_rank
+        size_gain[self._index_of_rank] = gain_by_rank
         return ReceivedAnchors(received, size_gain)
 
     def _tier_sizes(self, state: TrainState, received_by_rank: Bool[Tensor, "N"]) -> Float[np.ndarray, "N"]:
@@ -235,17 +238,17 @@ class PacketLossSimulator:
             most 1.
         """
         tiers = (~received_by_rank).long().cpu().numpy()
-        base_sizes = state.scalings()[self._order, 3:6].cpu().numpy()
-        gaussians = state.masks(self._config.mask_threshold)[self._order].sum(dim=1).cpu().numpy()
+        base_sizes = state.scalings()[self._index_of_rank, 3:6].cpu().numpy()
+        gaussians = state.masks(self._config.mask_threshold)[self._index_of_rank].sum(dim=1).cpu().numpy()
         return relative_sizes(base_sizes, gaussians, tiers, 2)[tiers]
 
-    def _update_order(self, state: TrainState) -> None:
-        """Recomputes coding order and nearest neighbours after anchors were added or removed."""
+    def _update_ranks(self, state: TrainState) -> None:
+        """Recomputes the coding order and nearest neighbours after anchors were added or removed."""
         if self._voxels is state.voxels:
             return
         order = anchor_order(state.voxels.cpu().numpy(), "morton")
-        self._order = torch.from_numpy(order).to(state.device)
-        positions = self._cache.positions(state)[self._order]
+        self._index_of_rank = torch.from_numpy(order).to(state.device)
+        positions = self._cache.positions(state)[self._index_of_rank]
         all_rows = np.arange(state.num_anchors)
         self._neighbors, _ = nearest_others(NeighborTree(positions), positions, all_rows, _GROW.neighbors)
         self._voxels = state.voxels

@@ -74,13 +74,13 @@ class _PhotometricLoss(torch.autograd.Function):
     def forward(ctx: Any, image: Tensor, photo: Photo, dssim: float) -> tuple[Tensor, Tensor]:
         assert photo.moments is not None
         x, y = image.detach().contiguous().numpy(), photo.image.numpy()
-        blurred, own_moments, taps = photo.moments.numpy(), np.empty((3, *x.shape), np.float32), window_taps()
-        kernels.products(_flat(x), _flat(y), own_moments.reshape(3, -1))
-        moments = np.empty_like(own_moments)
-        kernels.blur(_rows(own_moments), taps, _rows(moments))
+        photo_moments, products, taps = photo.moments.numpy(), np.empty((3, *x.shape), np.float32), window_taps()
+        kernels.products(_flat(x), _flat(y), products.reshape(3, -1))
+        moments = np.empty_like(products)
+        kernels.blur(_rows(products), taps, _rows(moments))
         sums = np.empty((x.shape[0], 2), np.float64)
-        kernels.similarity(_rows(moments), _rows(blurred), _rows(x[None])[0], _rows(y[None])[0], C1, C2, sums)
-        gradients = own_moments
+        kernels.similarity(_rows(moments), _rows(photo_moments), _rows(x[None])[0], _rows(y[None])[0], C1, C2, sums)
+        gradients = products  # reuses the memory; `similarity` has replaced the moments by their gradients
         kernels.blur(_rows(moments), taps, _rows(gradients))
         result = np.empty_like(x)
         kernels.combine(gradients.reshape(3, -1), _flat(x), _flat(y), dssim, _flat(result))

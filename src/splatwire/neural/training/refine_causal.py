@@ -40,7 +40,7 @@ def refine_causal(
     if not config.steps or not bool(alive.any()):
         return original
     inputs, values, mask = _constant_data(scene, coding, alive)
-    networks = {name: _trained(network) for name, network in coding.networks.items()}
+    networks = {name: _trainable_copy(network) for name, network in coding.networks.items()}
     layers = [layer for mlp in networks.values() for layer in (mlp.hidden, mlp.output)]
     parameters = [tensor for layer in layers for tensor in (layer.weight, layer.bias)]
 
@@ -75,7 +75,7 @@ def _constant_data(scene: AnchorScene, coding: CausalCoding, alive: Tensor) -> t
     return position_inputs(((voxels - coding.middle) / coding.spread).float(), torch.cat), values, anchors.mask.float()
 
 
-def _trained(mlp: Mlp) -> Mlp:
+def _trainable_copy(mlp: Mlp) -> Mlp:
     hidden, output = (
         Linear(layer.weight.clone().requires_grad_(), layer.bias.clone().requires_grad_())
         for layer in (mlp.hidden, mlp.output)

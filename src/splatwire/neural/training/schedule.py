@@ -10,9 +10,10 @@ SCALED_BY_EXTENT = ("offsets", "mask_logits")
 
 
 class Phase(enum.Enum):
-    """Phases of a training (HAC++): no noise, noise of fixed width, context phase.
+    """Phases of a training: no noise, noise of fixed width, context phase.
 
-    In the context phase, the context model determines the quantisation steps, and the loss includes the rate.
+    In the context phase, the loss includes the rate. HAC++'s context model predicts the quantisation steps of each
+    anchor; the causal model trains one set of steps for all anchors.
     """
 
     PLAIN = "plain"

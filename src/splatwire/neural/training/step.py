@@ -83,8 +83,8 @@ class TrainingStep:
     def __init__(self, config: TrainConfig, cameras: Cameras, kernels: Kernels = COMPILED) -> None:
         self._config, self._cameras, self._kernels = config, to_tensors(cameras), kernels
         self._cache = AnchorCache(config)
-        self._model = new_context_model(config, kernels, self._cache)
-        self._packet_loss = PacketLossSimulator(config, self._model, self._cache)
+        self._context_model = new_context_model(config, kernels, self._cache)
+        self._packet_loss = PacketLossSimulator(config, self._context_model, self._cache)
         self._views = device_view.ViewConstants.of(self._cameras) if kernels.asynchronous else None
         cameras = self._cameras
         self._centers, self._background = cameras.centers, cameras.Ks.new_tensor(config.background)
@@ -105,10 +105,10 @@ class TrainingStep:
         state.iteration += 1
         if config.milestones.fine_tuning_iterations and state.iteration == config.milestones.main_iterations + 1:
             start_fine_tuning(state, config)
-        self._model.before_iteration(state)
+        self._context_model.before_iteration(state)
         self._packet_loss.before_iteration(state, self._cameras)
         visible = self._visible(state, view)
-        (attributes, offset_masks), estimated_bits = self._model.simulate_quantisation(state, visible)
+        (attributes, offset_masks), estimated_bits = self._context_model.simulate_quantisation(state, visible)
         size_gain = None
         if (received := self._packet_loss.simulate(state, estimated_bits)) is not None:
             visible, (attributes, offset_masks), size_gain = received.select_visible(
@@ -139,9 +139,9 @@ class TrainingStep:
         )
 
     @property
-    def size_estimate(self) -> Callable[[TrainState], float] | None:
+    def size_estimator(self) -> Callable[[TrainState], float] | None:
         """Function that estimates the bytes of the encoded scene up to a constant factor; None if there is none."""
-        return self._model.estimate_bytes if isinstance(self._model, DeviceCausal) else None
+        return self._context_model.estimate_bytes if isinstance(self._context_model, DeviceCausal) else None
 
     def _check(self, state: TrainState, loss: Float[Tensor, ""]) -> None:
         last = state.iteration == self._config.milestones.iterations
@@ -221,7 +221,7 @@ class TrainingStep:
             x, y, z = scales.unbind(dim=1)
             loss = loss + weights.volume * torch.dot(x * y * z, spawned.drawn.to(scales)) / num_drawn.clamp(min=1)
         if estimated_bits is not None:
-            loss = loss + self._model.rate_loss(state, estimated_bits)
+            loss = loss + self._context_model.rate_loss(state, estimated_bits)
         return loss
 
     def _gather(

@@ -82,11 +82,11 @@ def train_scene(
     if state is None:
         state = initial_state(train, config)
     cameras = train.cameras.relative_to(state.origin)
-    model = _AnchorTraining(move_state(state, torch_device), config, cameras, kernels)
-    stopped = loop.run(model, photos)
-    state, report = model.state, None
+    training = _AnchorTraining(move_state(state, torch_device), config, cameras, kernels)
+    stopped = loop.run(training, photos)
+    state, report = training.state, None
     if test is not None and not stopped:
-        report = loop.test(model.scene(torch_device), state.iteration, test.num_views)
+        report = loop.test(training.scene(torch_device), state.iteration, test.num_views)
     scene = export_scene(state, config)
     if not stopped:
         started = time.perf_counter()
@@ -117,7 +117,7 @@ class _AnchorTraining:
     def step(self, view: int, photo: Photo) -> StepReport:
         """Performs one training iteration with the photo of a view, and adjusts the weight of the bit rate."""
         report = self._step(self.state, view, photo)
-        control_size(self.state, self._config, self._step.size_estimate)
+        control_size(self.state, self._config, self._step.size_estimator)
         return report
 
     def save(self, path: Path) -> None:

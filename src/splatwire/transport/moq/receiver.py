@@ -84,7 +84,7 @@ class RelayReceiver:
     """
 
     preview = b""
-    is_live, num_missed = False, 0
+    was_live, num_missed = False, 0
 
     def __init__(self, options: ReceiverOptions, on_event: Callable[[Event], Any] | None) -> None:
         self.options = options

@@ -47,7 +47,7 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         Message about what is invalid or too large, or None if the sizes are accepted.
     """
     w = welcome
-    total = w.init_segment_bytes + w.num_packets * w.packet_bytes
+    total = w.init_segment_bytes + w.num_packets * w.max_packet_bytes
     covered = sum(parity_range.num_packets for parity_range in w.parity_ranges)
     groups_fit = all(
         parity_range.groups <= parity_range.num_packets
@@ -60,7 +60,7 @@ def check_welcome(welcome: Welcome, limits: ReceiverLimits) -> str | None:
         (0 < w.init_segment_bytes <= limits.init_segment_bytes, f"an init segment of {w.init_segment_bytes} bytes"),
         (w.num_packets <= limits.packets, f"{w.num_packets} packets"),
         (total <= limits.stream_bytes, f"a stream of {total} bytes"),
-        (w.packet_bytes <= MAX_PACKET_BYTES, f"packets of {w.packet_bytes} bytes"),
+        (w.max_packet_bytes <= MAX_PACKET_BYTES, f"packets of {w.max_packet_bytes} bytes"),
         (w.num_bundled <= w.num_packets, f"{w.num_bundled} of {w.num_packets} packets within the init segment"),
         (
             MIN_SYMBOL_BYTES <= w.symbol_bytes <= MAX_DATAGRAM and w.symbol_bytes % fec.ALIGNMENT == 0,
@@ -180,7 +180,7 @@ class PacketCollector:
     def __init__(self, welcome: Welcome) -> None:
         self._welcome = welcome
         self._finder = ParityGroupFinder(welcome.parity_ranges)
-        self._symbol_bytes = fec.symbol_bytes_for(welcome.packet_bytes)
+        self._symbol_bytes = fec.symbol_bytes_for(welcome.max_packet_bytes)
         self._is_received = bytearray(welcome.num_packets)
         self._early: dict[int, Packet] = {}
         self._intake: PacketIntake | None = None
@@ -253,7 +253,7 @@ class PacketCollector:
             The packets that can be decoded now: the new packet, and all lost packets that can be recovered with it. A
             packet that the current manifest does not list yet is only stored, and is returned by `open` later.
         """
-        if message.packet_index >= self._welcome.num_packets or len(message.packet) > self._welcome.packet_bytes:
+        if message.packet_index >= self._welcome.num_packets or len(message.packet) > self._welcome.max_packet_bytes:
             self.num_bad += 1
             return []
         if self._is_received[message.packet_index]:

@@ -15,7 +15,7 @@ class Welcomed:
         num_packets: Number of packets of the complete stream.
         init_segment_bytes: Size of the init segment in bytes: manifest, side information and bundled packets.
         preview: Preview to show until the scene can be decoded; empty without a preview.
-        is_live: True for a live stream; this event is then repeated whenever the stream has grown.
+        is_live: True for a live stream that may still grow; this event is then repeated whenever it has grown.
     """
 
     num_packets: int

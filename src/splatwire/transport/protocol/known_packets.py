@@ -18,7 +18,7 @@ class KnownPackets:
 
         Args:
             message: Datagram of the client with a list of its packets. Ignored if the list is for another stream or a
-                live stream, or begins after the last packet.
+                live stream that may still grow, or begins after the last packet.
             stream: Stream that the server sends to the client.
         """
         num_packets, first_byte = len(stream.packets), message.first // 8

@@ -108,11 +108,11 @@ class Welcome(NamedTuple):
         digest: SHA-256 of the init segment.
         symbol_bytes: Size of the init segment's symbols (erasure code) in bytes.
         num_packets: Number of packets of the complete stream; for a live stream, of the packets so far.
-        packet_bytes: Maximum size of a packet in bytes.
+        max_packet_bytes: Maximum size of a packet in bytes.
         num_bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         preview: Preview to show until the scene is decoded; empty without a preview.
-        is_live: True for a live stream.
+        is_live: True for a live stream that may still grow; False in the final state of one.
         view_dependent: True if the order of the packets depends on the client's viewpoint: visible packets come first.
     """
 
@@ -123,7 +123,7 @@ class Welcome(NamedTuple):
     digest: bytes
     symbol_bytes: int
     num_packets: int
-    packet_bytes: int
+    max_packet_bytes: int
     num_bundled: int
     parity_ranges: tuple[ParityRange, ...]
     preview: bytes = b""

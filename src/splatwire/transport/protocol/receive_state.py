@@ -95,8 +95,8 @@ class ReceiveState:
         return not is_declared
 
     @property
-    def is_live(self) -> bool:
-        """True if the stream is a live stream, or was one before it ended."""
+    def was_live(self) -> bool:
+        """True if the stream is a live stream, or was one until it ended."""
         return self._was_live
 
     @property

@@ -644,7 +644,7 @@ class Receiver(ReceiveState):
         if may_idle and num_lost <= MAX_LOST_RATIO * self._num_received:  # no data were sent, as after a resumption
             return False
         return self._collector.highest_index < 0 and self._largest_datagram < min(
-            MAX_DATAGRAM // 2, self._welcome.packet_bytes
+            MAX_DATAGRAM // 2, self._welcome.max_packet_bytes
         )
 
     def _feedback(self, now: float) -> bytes:

@@ -90,7 +90,7 @@ class ServedStream:
         init_symbols: For each source block (separately encoded part) of the init segment, its source symbols and repair
             symbols. Some of the repair symbols are only sent on request.
         packets: Packets in sending order.
-        packet_bytes: Maximum size of a packet in bytes.
+        max_packet_bytes: Maximum size of a packet in bytes.
         num_bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
@@ -100,7 +100,7 @@ class ServedStream:
         retransmit_limit: Number of packets at the start of the sending order that may be retransmitted; None for all.
         tiles: Tiles of a stream with levels of detail, else None.
         opening_packets: Number of packets of the coarsest tiles, which are sent first for every viewpoint.
-        is_live: True for a live stream.
+        is_live: True for a live stream that may still grow; False in the final state of one.
     """
 
     stream_id: int
@@ -109,7 +109,7 @@ class ServedStream:
     symbol_bytes: int
     init_symbols: tuple[tuple[bytes, ...], ...]
     packets: tuple[bytes, ...]
-    packet_bytes: int
+    max_packet_bytes: int
     num_bundled: int
     parity_ranges: tuple[ParityRange, ...]
     parity: tuple[tuple[bytes, ...], ...]

@@ -151,7 +151,7 @@ class ServerTransfer:
             Welcome(
                 *leading,
                 len(stream.packets),
-                stream.packet_bytes,
+                stream.max_packet_bytes,
                 stream.num_bundled,
                 stream.parity_ranges,
                 stream.preview if preview else b"",

@@ -41,8 +41,8 @@ received, but never acknowledge them to QUIC.
 """
 
 
-class QuicClient:
-    """A client of the server over QUIC: sends and receives datagrams of the transport protocol.
+class ConnectedClient:
+    """The server's end of a session with one client: sends messages to the client, and reads those of the client.
 
     Requests, their responses and the init segment are sent as messages on a reliable stream. Copies of the first few
     of these messages are also sent in QUIC DATAGRAM frames, because the copies may arrive earlier, but not those of a
@@ -124,7 +124,7 @@ class NativeHandler:
 
     def __init__(self, connection: Any) -> None:
         self._connection = connection
-        self._client = QuicClient(connection, SESSION_STREAM)
+        self._client = ConnectedClient(connection, SESSION_STREAM)
         self.has_request = False
 
     def event(self, event: events.QuicEvent) -> None:
@@ -160,7 +160,7 @@ class WebTransportHandler:
         self._connection = connection
         self._http = H3Connection(connection.quic, enable_webtransport=True)
         self._id: int | None = None
-        self._client: QuicClient | None = None
+        self._client: ConnectedClient | None = None
         self._answered_streams: set[int] = set()
         self._num_outside_bytes = 0
         self.has_request = False
@@ -220,7 +220,7 @@ class WebTransportHandler:
     def _answer(self, stream_id: int, status: int) -> None:
         headers = [(b":status", str(status).encode())]
         if status == 200:
-            self._id, self._client = stream_id, QuicClient(self._connection, None, encode_uint_var(stream_id // 4))
+            self._id, self._client = stream_id, ConnectedClient(self._connection, None, encode_uint_var(stream_id // 4))
             headers.append((b"sec-webtransport-http3-draft", b"draft02"))
         self._answered_streams.add(stream_id)
         try:

@@ -42,7 +42,7 @@ from splatwire.transport.quic.common import (
     configuration,
     limit_backoff,
 )
-from splatwire.transport.quic.handlers import NativeHandler, QuicClient, WebTransportHandler
+from splatwire.transport.quic.handlers import ConnectedClient, NativeHandler, WebTransportHandler
 from splatwire.transport.quic.input_budget import MAX_DATAGRAM_S, MAX_HANDSHAKE_S, InputBudget, NetworkBudgets
 from splatwire.transport.socket_group import QUIC_CLASSES, TOKEN_PREFIX, SocketGroup
 from splatwire.transport.udp import EVENT_INTERVAL_S, MAX_DATAGRAM_READ, SocketServer
@@ -159,7 +159,7 @@ class QuicServer(SocketServer):
         """Counts the bytes of a UDP datagram that was sent."""
         self.bytes_sent += num_bytes
 
-    def on_message(self, client: QuicClient, data: bytes) -> None:
+    def on_message(self, client: ConnectedClient, data: bytes) -> None:
         """Processes a message of a client, from the reliable stream or a DATAGRAM frame.
 
         Args:
@@ -193,7 +193,7 @@ class QuicServer(SocketServer):
         due = self.core.poll(now, BATCH)
         touched: set[Any] = set()
         for client, data in due:
-            assert isinstance(client, QuicClient)
+            assert isinstance(client, ConnectedClient)
             if client.connection not in self.connections:  # an earlier datagram of this batch closed it
                 continue
             try:
@@ -206,8 +206,12 @@ class QuicServer(SocketServer):
         self._set_timer(now)
 
     def _end_failed(self, client: Hashable) -> None:
-        """Closes the connection of a client after an internal error of the server."""
-        connection = client.connection if isinstance(client, QuicClient) else client
+        """Closes the connection of a client after an internal error of the server.
+
+        Args:
+            client: The client, or the connection in whose handling the error occurred.
+        """
+        connection = client.connection if isinstance(client, ConnectedClient) else client
         assert isinstance(connection, _Connection)
         with suppress(Exception):  # closing sends too and may fail; the connection is already forgotten
             connection.end(INTERNAL, "the server made an error and ended this transfer")
@@ -532,6 +536,7 @@ class _Connection(QuicConnectionProtocol):
         try:
             work(*arguments)
         except Exception as error:  # asyncio would print a traceback for each datagram
+            # No transfer is registered under the connection: closing it (`_end_failed`) ends those of its client.
             self.owner.core.fail(self, error)
 
     def _handle_timer(self) -> None:

@@ -16,8 +16,8 @@ const MIN_CAPACITY = 1024;
 export const TRACK_BYTES = 4 + 24 + 4 * NUM_CHANNELS;
 
 export class KeyframeGaussians {
-  /** Arrival index of each track: index of its keyframe Gaussian in order of arrival; -1 if not received. */
-  arrivalIndices: Int32Array;
+  /** Arrival index by track number: index of the track's keyframe Gaussian in order of arrival; -1 if not received. */
+  arrivalIndexOfTrack: Int32Array;
   /** Track of each keyframe Gaussian, by arrival index. */
   tracks = new Int32Array(MIN_CAPACITY);
   /** Birth group of each track, by arrival index. */
@@ -31,16 +31,16 @@ export class KeyframeGaussians {
   #steps: MotionSteps;
 
   constructor(public info: SequenceInfo) {
-    this.arrivalIndices = noIndices(info);
+    this.arrivalIndexOfTrack = noIndices(info);
     this.splats = emptySplats(MIN_CAPACITY, info.keyframeInfo.degree);
     this.#steps = stepsOf(info, info.shots[0]);
   }
 
   /** Continues with a longer clip, which has more tracks. */
   grow(info: SequenceInfo): void {
-    const arrivalIndices = noIndices(info);
-    arrivalIndices.set(this.arrivalIndices);
-    this.arrivalIndices = arrivalIndices;
+    const arrivalIndexOfTrack = noIndices(info);
+    arrivalIndexOfTrack.set(this.arrivalIndexOfTrack);
+    this.arrivalIndexOfTrack = arrivalIndexOfTrack;
     this.info = info;
   }
 
@@ -60,7 +60,7 @@ export class KeyframeGaussians {
     for (let i = 0; i < count; i++) {
       const arrivalIndex = this.count++,
         row = i * COLUMNS;
-      this.arrivalIndices[first + i] = arrivalIndex;
+      this.arrivalIndexOfTrack[first + i] = arrivalIndex;
       this.tracks[arrivalIndex] = first + i;
       this.birthGroups[arrivalIndex] = group;
       for (let a = 0; a < 3; a++) {
@@ -85,7 +85,7 @@ export class KeyframeGaussians {
       positions = new Float64Array(3 * count),
       shifts = new Int32Array(NUM_CHANNELS * count);
     for (let i = 0; i < count; i++) {
-      const arrivalIndex = this.arrivalIndices[headers[HEADER_FIELDS * i + TRACK]] ?? -1;
+      const arrivalIndex = this.arrivalIndexOfTrack[headers[HEADER_FIELDS * i + TRACK]] ?? -1;
       if (arrivalIndex < 0) return null;
       for (let c = 0; c < NUM_CHANNELS; c++)
         shifts[NUM_CHANNELS * i + c] = this.shifts[NUM_CHANNELS * arrivalIndex + c];

@@ -1,6 +1,6 @@
 // Received packets of a clip, and its decoded frames. Counterpart of `splatwire.sequence.decoding`.
 //
-// Arrays of tracks are not in the order of track numbers. An arrival index is the index of a track's keyframe Gaussian
+// Arrays of tracks are by arrival index or by row; only `arrivalIndexOfTrack` is by track number. An arrival index is the index of a track's keyframe Gaussian
 // in order of arrival (`KeyframeGaussians`); a row is an index in the arrays of one group (`DecodedGroup`).
 
 import { ByteReader } from "../../bytes.ts";
@@ -59,7 +59,8 @@ interface DecodedGroup extends Omit<TrackOffsets, "offsets">, ConcealedTracks {
   readonly group: number;
   /** Offsets of all rows, in order. */
   readonly batches: readonly TrackBatch[];
-  readonly numKeyframes: number;
+  /** Number of all keyframe Gaussians received when the group was decoded; once there are more, it is decoded again. */
+  readonly numKeyframesWhenDecoded: number;
   /** Tracks that are not drawn (1), by row. */
   readonly hidden: Uint8Array;
   /** Gains of size and opacity that cover hidden tracks, shape (rows, 2); null if none are covered. */
@@ -228,7 +229,7 @@ export class Sequence implements SequenceDecoder {
     const same =
       played?.isReceived === isReceived &&
       played.concealer === concealer &&
-      played.numKeyframes === this.#keyframes.count;
+      played.numKeyframesWhenDecoded === this.#keyframes.count;
     if (same && played.group === group) return played;
     if (played && played.group !== group) this.#previous = played.endState;
     const before = this.#previous?.group === group - 1 ? this.#previous : null,
@@ -262,9 +263,9 @@ export class Sequence implements SequenceDecoder {
         last = HEADER_FIELDS * (packet.count - 1),
         end = Math.min(headers[last + TRACK] + headers[last + GAP_AFTER] + 1, info.numTracks);
       for (let track = Math.max(headers[TRACK] - headers[GAP_BEFORE], 0); track < end; track++)
-        if (keyframes.arrivalIndices[track] >= 0) covered[keyframes.arrivalIndices[track]] = 1;
+        if (keyframes.arrivalIndexOfTrack[track] >= 0) covered[keyframes.arrivalIndexOfTrack[track]] = 1;
     }
-    return { received: joinPackets(found, keyframes.arrivalIndices, frames, keyframes.count), covered };
+    return { received: joinPackets(found, keyframes.arrivalIndexOfTrack, frames, keyframes.count), covered };
   }
 
   /**
@@ -318,43 +319,43 @@ export class Sequence implements SequenceDecoder {
       { firstNew, numBirths, numMotionTracks } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
-      uncoveredTracks: number[] = [];
+      uncoveredArrivals: number[] = [];
     for (let arrivalIndex = 0; arrivalIndex < keyframes.count; arrivalIndex++) {
       if (covered[arrivalIndex]) continue;
       const track = keyframes.tracks[arrivalIndex],
         isNew = track >= firstNew && track < firstNew + numBirths;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[arrivalIndex] : track < firstNew)))
-        uncoveredTracks.push(arrivalIndex);
+        uncoveredArrivals.push(arrivalIndex);
     }
-    const found = appendUncovered(received, uncoveredTracks, frames, numMotionTracks > 0),
+    const found = appendUncovered(received, uncoveredArrivals, frames, numMotionTracks > 0),
       numReceived = received.arrivalIndices.length,
       hidden = new Uint8Array(found.arrivalIndices.length),
       batches = [...received.batches];
-    uncoveredTracks.forEach((arrivalIndex, n) => {
+    uncoveredArrivals.forEach((arrivalIndex, n) => {
       [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(arrivalIndex, group);
     });
     let gains: Float32Array | null = null;
-    if (numMotionTracks && uncoveredTracks.length) {
+    if (numMotionTracks && uncoveredArrivals.length) {
       const trackProperties = this.#trackProperties(before, group),
         { lastOffsets } = trackProperties,
-        offsets = byTrack(batches, numReceived, uncoveredTracks.length, frames),
+        offsets = byTrack(batches, numReceived, uncoveredArrivals.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
         arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
         methods =
           concealer === "motion"
-            ? this.#interpolate(arrived, Int32Array.from(uncoveredTracks), trackProperties, group, out)
-            : new Uint8Array(uncoveredTracks.length).fill(concealer === "drop" ? HIDDEN : HELD);
+            ? this.#interpolate(arrived, Int32Array.from(uncoveredArrivals), trackProperties, group, out)
+            : new Uint8Array(uncoveredArrivals.length).fill(concealer === "drop" ? HIDDEN : HELD);
       methods.forEach((method, n) => {
-        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, uncoveredTracks[n], out, n * frames, frames);
+        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, uncoveredArrivals[n], out, n * frames, frames);
         hidden[numReceived + n] = Number(method === HIDDEN);
       });
-      batches.push({ count: uncoveredTracks.length, offsets: transposed(out, uncoveredTracks.length, frames) });
+      batches.push({ count: uncoveredArrivals.length, offsets: transposed(out, uncoveredArrivals.length, frames) });
       if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
     } else
       batches.push({
-        count: uncoveredTracks.length,
-        offsets: new Float32Array(uncoveredTracks.length * NUM_CHANNELS),
+        count: uncoveredArrivals.length,
+        offsets: new Float32Array(uncoveredArrivals.length * NUM_CHANNELS),
       });
     return {
       ...found,
@@ -364,7 +365,7 @@ export class Sequence implements SequenceDecoder {
       group,
       isReceived,
       concealer,
-      numKeyframes: keyframes.count,
+      numKeyframesWhenDecoded: keyframes.count,
       endState: this.#concealmentState(group, found, batches, before, frames),
     };
   }
@@ -383,7 +384,7 @@ export class Sequence implements SequenceDecoder {
   /** Selects a method to cover each lost track. Writes the motion of tracks that are moved. */
   #interpolate(
     received: TrackOffsets,
-    uncoveredTracks: Int32Array,
+    uncoveredArrivals: Int32Array,
     trackProperties: TrackProperties,
     group: number,
     out: Float32Array,
@@ -396,11 +397,11 @@ export class Sequence implements SequenceDecoder {
       predictor = new LostMotionPredictor(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
       interpolate = predictor.predict.bind(predictor),
       lifetime = (arrivalIndex: number) => this.#lifetime(arrivalIndex, group),
-      methods = select(received, order, uncoveredTracks, frames, trackProperties, interpolate, lifetime),
-      moving = rowsWhere(uncoveredTracks.length, (n) => methods[n] === INTERPOLATED),
+      methods = select(received, order, uncoveredArrivals, frames, trackProperties, interpolate, lifetime),
+      moving = rowsWhere(uncoveredArrivals.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
         new Uint8Array(arrivalIndices.length),
-        moving.map((n) => uncoveredTracks[n]),
+        moving.map((n) => uncoveredArrivals[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
     return methods;
@@ -410,7 +411,7 @@ export class Sequence implements SequenceDecoder {
   #rowsByTrack(arrivalIndices: Int32Array): Int32Array {
     const rowOf = new Int32Array(this.#keyframes.count).fill(-1);
     for (let row = arrivalIndices.length; row--; ) rowOf[arrivalIndices[row]] = row; // the first one counts
-    return this.#keyframes.arrivalIndices
+    return this.#keyframes.arrivalIndexOfTrack
       .filter((arrivalIndex) => arrivalIndex >= 0 && rowOf[arrivalIndex] >= 0)
       .map((arrivalIndex) => rowOf[arrivalIndex]);
   }

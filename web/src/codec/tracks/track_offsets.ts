@@ -4,7 +4,7 @@ import type { Splats } from "../splats.ts";
 
 /** Offsets of a group's tracks from their keyframe Gaussians, shape (tracks, frames, channels). */
 export interface TrackOffsets {
-  /** Arrival index of each track (see `KeyframeGaussians`). */
+  /** Arrival index of the track of each row (see `KeyframeGaussians`). */
   readonly arrivalIndices: Int32Array;
   /** First frame and end frame of each track within the group. */
   readonly begins: Int32Array;
