@@ -245,14 +245,14 @@ class PacketPlan:
         """Number of elements of a block."""
         return self._span(block).block_elements(block)
 
-    def id_of_hashed(self, first_position: int) -> PacketId:
+    def id_of_hashed(self, first_index: int) -> PacketId:
         """Returns the id of the packet that starts with a given element. Only for plans with the grouping `hashed`.
 
         Args:
-            first_position: Index of the packet's first element in `all_members().indices`.
+            first_index: Index of the packet's first element in `all_members().indices`.
         """
-        span = self.spans[bisect.bisect_right(self._first_indices, first_position) - 1]
-        block, index_in_block = divmod(first_position - span.first, span.block_size)
+        span = self.spans[bisect.bisect_right(self._first_indices, first_index) - 1]
+        block, index_in_block = divmod(first_index - span.first, span.block_size)
         return PacketId(span.first_block + block, index_in_block)
 
     def _span(self, block: int) -> Span:

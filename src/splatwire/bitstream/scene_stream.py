@@ -159,8 +159,8 @@ def make_stream(
         writer: Name and version of the program.
         tiers: Element counts of the importance tiers; empty for a single tier.
         schema_name: Name of the schema of the elements, a key of `splatwire.bitstream.limits.SCHEMAS`.
-        feature_dim: Channels of the anchor feature, F; 0 for Gaussians.
-        num_offsets: Offsets per anchor, K; 0 for Gaussians.
+        feature_dim: Channels of the anchor feature, F; 0 for Gaussians, or if the side information has this number.
+        num_offsets: Offsets per anchor, K; 0 for Gaussians, or if the side information has this number.
         feature_groups: Sizes of the feature's channel groups.
 
     Raises:

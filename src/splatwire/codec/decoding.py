@@ -83,7 +83,7 @@ def open_decoder(manifest: Manifest, side_info: bytes, num_bytes: int | None = N
     schema = schema_named(manifest.schema_name)
     decoder = schema.open_decoder(manifest, side_info, len(side_info) if num_bytes is None else num_bytes)
     sections = split_sections(side_info, manifest.schema_name)[1]
-    BACKGROUND_SECTION.read(sections)
+    BACKGROUND_SECTION.read(sections)  # raises if it is damaged; decoders read the value in `scene`
     check_view_sections(sections)
     return decoder
 

@@ -174,7 +174,7 @@ def encode_prepared(schema: Schema, prepared: Prepared, threads: int | None, pro
     for coded in ordered_map(encoder.encode, encoder.batches(), threads):
         schema.update_digest(digest, coded.decoded_rows)
         for count, payload in zip(coded.counts.tolist(), coded.payloads, strict=True):
-            # The id of a hashed packet is the position of its first element.
+            # The id of a hashed packet follows from the index of its first element.
             packet_id = plan.id_of_hashed(num_encoded) if hashed else ids[len(packets)]
             packets.append(make_packet(packet_id, count, payload))
             num_encoded += count

@@ -18,7 +18,7 @@ SECTION = "viewpoint"
 MIN_UP, MAX_UP = 0.5, 2.0
 """Bounds of the length of the upward direction of an initial view."""
 UP_SECTION = "up"
-"""Name of the section with the upward axis alone: text such as `y` or `-z`; absent for `-y`."""
+"""Name of the section with the upward axis alone: text such as `y` or `-z`. Without it, `-y` is up."""
 AXES = (b"x", b"-x", b"y", b"-y", b"z", b"-z")
 EXTENT_SECTION = "extent"
 """Name of the section with a sequence's bounding sphere over all frames: centre and radius as `f32`."""

@@ -20,7 +20,10 @@ _MAX_BYTES = 1 << 16
 
 
 def metadata_sections(metadata: SceneMetadata) -> dict[str, bytes]:
-    """Returns metadata as named sections of the side information: one section for each field that has a value."""
+    """Returns metadata as named sections of the side information.
+
+    The up axis and the initial view have sections of their own; all other known fields are in the section `metadata`.
+    """
     content = metadata_to_json(metadata)
     sections = {}
     up, view = content.pop("up", None), content.pop("view", None)

@@ -231,9 +231,13 @@ def _intrinsics(folder: Path, camera: RawCamera) -> tuple[np.ndarray, LensModel]
             f"{folder}: camera {camera.camera_id} is of the model {camera.model}, a panorama: cut the photos into "
             "perspective ones first, for example with COLMAP's `panorama_sfm.py`"
         )
-    focals, lens = _LENSES[camera.model]
-    fx, fy, (cx, cy) = camera.parameters[0], camera.parameters[focals - 1], camera.parameters[focals : focals + 2]
-    distortion = camera.parameters[focals + 2 :]
+    num_focals, create_lens = _LENSES[camera.model]
+    fx, fy, (cx, cy) = (
+        camera.parameters[0],
+        camera.parameters[num_focals - 1],
+        camera.parameters[num_focals : num_focals + 2],
+    )
+    distortion = camera.parameters[num_focals + 2 :]
     if not (np.abs(distortion) < _MAX_DISTORTION).all():
         raise DatasetError(f"{folder}: camera {camera.camera_id} has lens parameters that are no sensible numbers")
-    return pinhole(fx, fy, cx, cy), lens(*distortion)
+    return pinhole(fx, fy, cx, cy), create_lens(*distortion)

@@ -52,7 +52,7 @@ def save_scene(
     """
     shown: Scene | ReceivedScene = scene if isinstance(scene, ReceivedScene) else as_scene(scene)
     target = path_of(path)
-    if isinstance(shown, ReceivedScene) and shown.get(Prior) is None:
+    if isinstance(shown, ReceivedScene) and not _can_record_losses(shown):
         if num_lost := shown.loss_mask.num_lost:
             LOG.warning("%s: %d lost Gaussians are left out, and such files cannot record losses", target, num_lost)
         shown = conceal(shown, "drop")
@@ -129,6 +129,11 @@ def _ply_steps_of(scene: Scene) -> PlySteps | None:
     return PlySteps(coding_to_bytes(coding), coding.precision_classes)
 
 
+def _can_record_losses(received: ReceivedScene) -> bool:
+    """True for neural anchors, which have a `Prior`: only their scene files can mark lost elements."""
+    return received.get(Prior) is not None
+
+
 @checked
 def save_decoded(
     received: ReceivedScene, concealer: Concealer | None, path: Path, *, outliers: Outliers = DEFAULT
@@ -150,7 +155,7 @@ def save_decoded(
         SplatwireError: See `save_scene`.
         OSError: If the file cannot be written.
     """
-    if concealer is None and received.get(Prior) is not None:
+    if concealer is None and _can_record_losses(received):
         save_scene(received, path, outliers=outliers)
         return received.scene
     scene = conceal(received, concealer or "drop")

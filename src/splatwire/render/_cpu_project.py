@@ -94,8 +94,9 @@ def _project_chunk(work, pose, intrinsics, width, height, constants):
         xy = a0 * b0 + a1 * b1 + a2 * b2
         det, middle, u, v = xx * yy - xy * xy, 0.5 * (xx + yy), fx * x + cx - 0.5, fy * y + cy - 0.5
         radius = np.ceil(3 * np.sqrt(middle + np.sqrt(max(0.1, middle * middle - det))))
-        squared_radius = 2 / LOG2E * (work[LOG_OPACITY + i] - _MIN_LOG_OPACITY)
-        half_x, half_y = np.sqrt(squared_radius * xx) + 1e-2, np.sqrt(squared_radius * yy) + 1e-2
+        # squared distance from the centre, in standard deviations, where alpha is 1/255
+        squared_sigmas = 2 / LOG2E * (work[LOG_OPACITY + i] - _MIN_LOG_OPACITY)
+        half_x, half_y = np.sqrt(squared_sigmas * xx) + 1e-2, np.sqrt(squared_sigmas * yy) + 1e-2
         left = max(np.floor((u - min(radius, half_x)) * per_pixel), 0.0)
         top = max(np.floor((v - min(radius, half_y)) * per_pixel), 0.0)
         right = min(np.floor((u + min(radius + side - 1, half_x + side)) * per_pixel), grid_x)

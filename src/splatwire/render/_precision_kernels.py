@@ -13,14 +13,14 @@ POSITION, SCALE, DIRECTION, SPIN, OPACITY, COLOUR, NUM_SUMS = 0, 1, 4, 5, 6, 7, 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
 def add_squared(
-    means,
-    rotations,
+    d_means,
+    d_quats,
+    d_scales,
+    d_opacities,
+    d_colors,
     scales,
-    opacities,
-    colors,
-    splat_scales,
     quats,
-    splat_opacities,
+    opacities,
     order,
     symmetry_axis,
     sums,
@@ -29,15 +29,18 @@ def add_squared(
 ):
     """Adds the squared gradient with respect to each attribute of each Gaussian to `sums`.
 
+    For scales and opacities, this is the gradient with respect to their natural logarithm. Positions and directions
+    have the mean over their axes, colours the sum over their channels.
+
     Args:
-        means: Gradients with respect to the centres.
-        rotations: Gradients with respect to the quaternions.
-        scales: Gradients with respect to the standard deviations.
-        opacities: Gradients with respect to the opacities.
-        colors: Gradients with respect to the colours.
-        splat_scales: Standard deviations of the Gaussians.
+        d_means: Gradients with respect to the centres.
+        d_quats: Gradients with respect to the quaternions.
+        d_scales: Gradients with respect to the standard deviations.
+        d_opacities: Gradients with respect to the opacities.
+        d_colors: Gradients with respect to the colours.
+        scales: Standard deviations of the Gaussians.
         quats: Unit quaternions of the Gaussians, (w, x, y, z).
-        splat_opacities: Opacities of the Gaussians.
+        opacities: Opacities of the Gaussians.
         order: Axes of each Gaussian sorted by length, longest first.
         symmetry_axis: Column of `order` with the axis of symmetry of each Gaussian: 2 (shortest axis) for flat
             Gaussians, 0 (longest axis) for long ones.
@@ -49,15 +52,15 @@ def add_squared(
     # The sums measure how strongly images depend on the attributes. Rotations have two parts: spin, a rotation
     # about the axis of symmetry of a flat or a long Gaussian, and changes of direction of this axis.
     for i in range(first, last):
-        magnitude = abs(opacities[i])
+        magnitude = abs(d_opacities[i])
         for axis in range(3):
-            magnitude += abs(means[i, axis]) + abs(scales[i, axis]) + abs(colors[i, axis])
+            magnitude += abs(d_means[i, axis]) + abs(d_scales[i, axis]) + abs(d_colors[i, axis])
         for axis in range(4):
-            magnitude += abs(rotations[i, axis])
+            magnitude += abs(d_quats[i, axis])
         if magnitude == 0:  # most Gaussians are hidden
             continue
-        a, b = np.float64(rotations[i, 0]), np.float64(rotations[i, 1])
-        c, d = np.float64(rotations[i, 2]), np.float64(rotations[i, 3])
+        a, b = np.float64(d_quats[i, 0]), np.float64(d_quats[i, 1])
+        c, d = np.float64(d_quats[i, 2]), np.float64(d_quats[i, 3])
         w, x, y, z = np.float64(quats[i, 0]), np.float64(quats[i, 1]), np.float64(quats[i, 2]), np.float64(quats[i, 3])
         about_axis = (
             (-a * x + b * w + c * z - d * y) / 2,  # derivative for a rotation about the first axis
@@ -66,14 +69,14 @@ def add_squared(
         )
         position, colour, rotation = 0.0, 0.0, 0.0
         for axis in range(3):
-            position += np.float64(means[i, axis]) ** 2
-            colour += np.float64(colors[i, axis]) ** 2
+            position += np.float64(d_means[i, axis]) ** 2
+            colour += np.float64(d_colors[i, axis]) ** 2
             rotation += about_axis[axis] ** 2
             longest = order[i, axis]
-            sums[i, SCALE + axis] += (np.float64(scales[i, longest]) * np.float64(splat_scales[i, longest])) ** 2
+            sums[i, SCALE + axis] += (np.float64(d_scales[i, longest]) * np.float64(scales[i, longest])) ** 2
         spin = about_axis[order[i, symmetry_axis[i]]] ** 2
         sums[i, POSITION] += position / 3
         sums[i, DIRECTION] += (rotation - spin) / 2
         sums[i, SPIN] += spin
-        sums[i, OPACITY] += (np.float64(opacities[i]) * np.float64(splat_opacities[i])) ** 2
+        sums[i, OPACITY] += (np.float64(d_opacities[i]) * np.float64(opacities[i])) ** 2
         sums[i, COLOUR] += colour

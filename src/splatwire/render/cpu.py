@@ -150,7 +150,7 @@ class ViewRasterizer:
         image, transmittance = np.empty((*self.size, 3), np.float32), np.empty(self.size, np.float32)
 
         def draw(number: int) -> _Band | None:
-            band = self._fill(number)
+            band = self._build_band(number)
             lists = (band.starts, band.ids, band.spans, self.grid_x, band.first_row)
             _cpu_kernels.draw_tiles(self.projected, *lists, background, image, transmittance)
             return band if self.stores_bands else None
@@ -241,10 +241,11 @@ class ViewRasterizer:
         return (
             iter(self.stored_bands)
             if self.stored_bands
-            else (self._fill(number) for number in range(len(self.band_ranges)))
+            else (self._build_band(number) for number in range(len(self.band_ranges)))
         )
 
-    def _fill(self, number: int) -> _Band:
+    def _build_band(self, number: int) -> _Band:
+        """Lists the Gaussians of each tile of a band."""
         first_row, end_row = self.band_ranges[number]
         order, columns = _cpu_lists.depth_order(self.projected, self.tiles, first_row, end_row)
         return _Band(

@@ -335,7 +335,8 @@ def _sensitivities(splats: Splats, cameras: Cameras, probes: int, seed: int) -> 
 
     Returns:
         For each attribute by name, one number per Gaussian: the mean, over all pixel values, of the squared derivative
-        of a pixel value with respect to the attribute.
+        of a pixel value with respect to the attribute; for scales and opacity, with respect to its logarithm. It is
+        also the mean over the axes of the position and of the direction, and the sum over the colour channels.
     """
     # Estimated from gradients of sums of all pixels with random signs (see `splatwire.render.pruning`).
     rng, num = Twister(seed), splats.num_gaussians

@@ -72,13 +72,14 @@ class SequenceEncoder:
         self._options, self._live = options, live
         self._choose_class_offsets = choose_class_offsets or measure_class_offsets
         self._tracker, self._group_builder = Tracker(options.order), GroupBuilder(options.group_frames)
-        self._first_and_last_frame: tuple[TrackedFrame, TrackedFrame] | None = None
+        # first and last frame of the newest group, which wait for the comparison of harmonics
+        self._frames_to_compare: tuple[TrackedFrame, TrackedFrame] | None = None
         self._last_splats: Splats | None = None
         self._degree: int | None = None
         self._num_groups, self._warned_of_harmonics = 0, False
         self._warned_kinds: set[str] = set()
         self._sections: dict[str, bytes] = {}
-        self._num_frames = self._first_frame = 0
+        self._num_frames = self._first_frame_number = 0
         self._extent: BoundingSphere | None = None
         self._known_class_offsets: tuple[np.ndarray, np.ndarray] | None = None
         self._newest_key = -1
@@ -110,7 +111,7 @@ class SequenceEncoder:
             self._warned_of_harmonics,
         )
         other._warned_kinds = self._warned_kinds
-        other._first_frame = other._num_frames = self._num_frames
+        other._first_frame_number = other._num_frames = self._num_frames
         number = ByteWriter()
         number.unsigned(self._num_frames)
         other._sections = {**self._sections, FIRST_FRAME: number.bytes()}
@@ -129,7 +130,7 @@ class SequenceEncoder:
             first_frame: Number of the first frame of the new encoder.
         """
         other = SequenceEncoder(self._options, self._choose_class_offsets, live=self._live)
-        other._first_frame = other._num_frames = first_frame
+        other._first_frame_number = other._num_frames = first_frame
         other._warned_of_harmonics, other._warned_kinds = self._warned_of_harmonics, self._warned_kinds
         other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
         number = ByteWriter()
@@ -249,7 +250,7 @@ class SequenceEncoder:
 
     def _flush(self) -> list[Packet]:
         group, frames = self._collect_tracks(), self._group_builder.frames
-        self._first_and_last_frame = frames[0], frames[-1]
+        self._frames_to_compare = frames[0], frames[-1]
         new = group.keys > self._newest_key
         self._newest_key = max(self._newest_key, int(group.keys[-1]) if len(group.keys) else -1)
         cuts = _scene_cuts(group, frames, new)
@@ -340,7 +341,7 @@ class SequenceEncoder:
             members = np.flatnonzero(cut_of_track == number)
             first = group.keyframe_gaussians(members)
             class_offsets[members] = self._choose_class_offsets(first)
-            if not number and not self._num_groups and not self._first_frame:
+            if not number and not self._num_groups and not self._first_frame_number:
                 up = self._options.up
                 if up != "auto":
                     self._sections.pop(UP_SECTION, None)
@@ -374,7 +375,7 @@ class SequenceEncoder:
 
     def _warn_of_changing_harmonics(self) -> None:
         """Logs a warning once if view-dependent colours change over time, because such changes are not coded."""
-        (first, last), self._first_and_last_frame = self._first_and_last_frame or (None, None), None
+        (first, last), self._frames_to_compare = self._frames_to_compare or (None, None), None
         if first is None or last is None or self._warned_of_harmonics or not self._degree:
             return
         _, in_first, in_last = np.intersect1d(first.keys, last.keys, assume_unique=True, return_indices=True)

@@ -194,7 +194,8 @@ def extrapolate_partial_tracks(
             sample here.
 
     Returns:
-        True if positions were extrapolated. False if nothing was changed, because neighbours do not move alike.
+        True if neighbours move alike, also if there was nothing to extrapolate. False if they do not, or if too few
+        tracks are present in all frames; nothing is then changed.
     """
     # The decoder conceals lost motion in the same way (`concealment.temporal.motion_prediction`), so it finds nearly
     # the true position in the first frame of the track.

@@ -39,8 +39,8 @@ export class SingleMesh {
     return !this.#numAdded;
   }
 
-  /** True if Gaussians exist that others can replace. */
-  get hasGaussians(): boolean {
+  /** True if the Gaussians added now replace others that were shown. */
+  get replacesDrawn(): boolean {
     return this.#current !== null;
   }
 

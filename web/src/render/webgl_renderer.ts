@@ -356,7 +356,7 @@ export class WebGLRenderer {
     this.#hidden = [];
     this.#hiding = [];
     this.#mesh.replace(!this.#replaced);
-    this.#replaced = this.#mesh.hasGaussians;
+    this.#replaced = this.#mesh.replacesDrawn;
     this.#mesh.add(packed);
     this.#mesh.show();
     this.#changed();

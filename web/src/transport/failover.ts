@@ -92,6 +92,7 @@ class Failover {
     this.#address = source.session;
   }
 
+  /** Returns true if another attempt may succeed. Counts the refusals of a file that was delivered before. */
   canRetry(error: unknown): boolean {
     const isDamaged = error instanceof BitstreamError;
     if (!isDamaged && !isFinal(error)) return true;

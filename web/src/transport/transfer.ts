@@ -103,7 +103,7 @@ export class Transfer {
   #highestReceived = -1;
   #lowestMissing = 0;
   /** True once the server has sent everything so far, or all tiles of the view. */
-  ended = false;
+  isAllSent = false;
   /**
    * True once a view was sent. The server then sends its tiles, and lost datagrams are requested by sequence number.
    */
@@ -202,7 +202,7 @@ export class Transfer {
     if (this.welcome.viewDependent) this.#recordGaps(sequence);
     if (sequence > this.#largestSequence) [this.#largestSequence, this.#largestAt] = [sequence, now];
     if (kind === END) {
-      this.ended = true;
+      this.isAllSent = true;
       if (!this.#fruitlessEnds || now - this.#endCountedAt >= MIN_END_SPACING_MS) {
         this.#fruitlessEnds++;
         this.#endCountedAt = now;
@@ -210,7 +210,7 @@ export class Transfer {
     } else if (kind === DATA) {
       // parity is only counted: browsers do not decode it
       this.#fruitlessEnds = 0;
-      if (this.hasSentView) this.ended = false;
+      if (this.hasSentView) this.isAllSent = false;
       const packetIndex = dataView(bytes).getUint32(9, true);
       this.#acceptPacket(packetIndex, bytes.slice(13), true);
       if (this.#packetStates[packetIndex]) this.#highestReceived = Math.max(this.#highestReceived, packetIndex);
@@ -249,7 +249,7 @@ export class Transfer {
    * be lost.
    */
   #sequencesToRequest(now: number): number[] {
-    const last = this.ended ? this.#largestSequence : this.#largestSequence - REORDER_THRESHOLD,
+    const last = this.isAllSent ? this.#largestSequence : this.#largestSequence - REORDER_THRESHOLD,
       nacks: number[] = [];
     for (const [sequence, attempts] of this.#gaps) {
       if (sequence > last || nacks.length === MAX_NACKS) break;
@@ -270,7 +270,7 @@ export class Transfer {
   #packetsToRequest(now: number): number[] {
     const { packets, bundled } = this.welcome!,
       nacks: number[] = [];
-    const stop = this.ended ? packets : this.#highestReceived + 1 - REORDER_THRESHOLD;
+    const stop = this.isAllSent ? packets : this.#highestReceived + 1 - REORDER_THRESHOLD;
     while (this.#lowestMissing < packets && this.#packetStates[this.#lowestMissing]) this.#lowestMissing++;
     for (
       let packetIndex = this.head ? this.#lowestMissing : Math.max(bundled, this.#lowestMissing);
@@ -350,7 +350,7 @@ export class Transfer {
     this.#numWelcomesSinceHead++;
     this.#initSegment = new InitSegment(next);
     this.head = null;
-    this.ended = false;
+    this.isAllSent = false;
     this.#fruitlessEnds = 0;
     const states = new Uint8Array(next.packets);
     if (isSame) states.set(this.#packetStates);
@@ -372,7 +372,7 @@ export class Transfer {
     this.#identityOfIndex.clear();
   }
 
-  /** Processes datagrams that arrived before the welcome message. */
+  /** Processes the datagrams and packets that waited for this welcome message. */
   #processEarly(now: number): void {
     for (const early of this.#earlyDatagrams.splice(0)) {
       this.counts.bytes -= early.length; // it was counted on arrival
@@ -399,13 +399,13 @@ export class Transfer {
     }
   }
 
-  /** Accepts a packet. In a growing stream it may arrive before the message that announces it (`mayBeEarly`). */
-  #acceptPacket(packetIndex: number, bytes: Uint8Array, mayBeEarly = false): void {
+  /** Accepts a packet. In a growing stream it may arrive before the message that announces it (`mayWait`). */
+  #acceptPacket(packetIndex: number, bytes: Uint8Array, mayWait = false): void {
     if (!this.head && this.newPackets.length >= MAX_PACKETS_BEFORE_HEAD) return void this.counts.rejected++;
     const { packets, maxPacketBytes, streamId, isLive, orderDigest } = this.welcome!,
       packet = readPacket(bytes, streamId);
     if (packetIndex >= packets || bytes.length > maxPacketBytes || !packet) {
-      if (isLive && mayBeEarly && this.#waitingPackets.length < MAX_WAITING_PACKETS)
+      if (isLive && mayWait && this.#waitingPackets.length < MAX_WAITING_PACKETS)
         this.#waitingPackets.push({ index: packetIndex, bytes });
       else this.counts.rejected++;
       return;

@@ -125,10 +125,10 @@ export async function receiveDatagrams(
     }
   };
   send([request]);
-  let activityAt = performance.now(),
+  let changedAt = performance.now(),
     lastActivity = NaN,
-    activityAtWindowStart = NaN,
-    windowStartedAt = activityAt;
+    windowStartActivity = NaN,
+    windowStartedAt = changedAt;
   const reader = new MessageReader();
   readAll(stream.readable, (chunk) => {
     const now = performance.now();
@@ -146,11 +146,11 @@ export async function receiveDatagrams(
       await delay(FEEDBACK_MS);
       const now = performance.now(),
         latest = transfer.activity;
-      if (latest !== lastActivity || now < transfer.waitUntil) [lastActivity, activityAt] = [latest, now];
-      if (transfer.mayIdle || now < transfer.waitUntil || !(Math.abs(latest - activityAtWindowStart) < MIN_NEW))
-        [activityAtWindowStart, windowStartedAt] = [latest, now];
+      if (latest !== lastActivity || now < transfer.waitUntil) [lastActivity, changedAt] = [latest, now];
+      if (transfer.mayIdle || now < transfer.waitUntil || !(Math.abs(latest - windowStartActivity) < MIN_NEW))
+        [windowStartActivity, windowStartedAt] = [latest, now];
       if (listener.stopped()) transfer.finished = "stopped";
-      else if (now - activityAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
+      else if (now - changedAt > SILENCE_TIMEOUT_MS) transfer.finished = "the server sends nothing new";
       else if (now - windowStartedAt > PACE_MS) transfer.finished = TOO_SLOW;
       else
         for (const bytes of transfer.welcome ? scheduler.messages(now) : now < transfer.waitUntil ? [] : [request])
@@ -191,7 +191,7 @@ class FeedbackScheduler {
   }
 
   update(now: number): void {
-    const isComplete = this.transfer.ended && this.transfer.hasSentView;
+    const isComplete = this.transfer.isAllSent && this.transfer.hasSentView;
     // A view change that needs no further tiles is reported, too, because no packet follows.
     if (isComplete && (!this.isComplete || this.#completeCamera !== this.#sentCamera)) this.listener.viewComplete?.();
     if (isComplete) this.#completeCamera = this.#sentCamera;

@@ -36,7 +36,7 @@ def convert(
     lattice_bits,
     flatness_table,
     powers,
-    colours,
+    to_rgb,
     grey,
     means,
     quats,
@@ -55,8 +55,8 @@ def convert(
         lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         powers: Table of powers of two, from `exponentials`.
-        colours: Orthonormal matrix from RGB to Y Co Cg, divided by the value of the spherical harmonic of degree 0,
-            float64 (3, 3).
+        to_rgb: Factors from Y, Co and Cg (rows) to red, green and blue (columns), divided by the value of the spherical
+            harmonic of degree 0, float64 (3, 3).
         grey: Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3).
         means: Output for the N Gaussians of the scene: centres, world units relative to the scene's origin, float32
             (N, 3).
@@ -82,7 +82,7 @@ def convert(
         y, co, cg = row[LUMA] * 2.0**-BITS - grey[0], row[LUMA + 1] * 2.0**-BITS, row[LUMA + 2] * 2.0**-BITS
         co, cg = co - grey[1], cg - grey[2]
         for c in range(3):
-            sh[index, 0, c] = y * colours[0, c] + co * colours[1, c] + cg * colours[2, c]
+            sh[index, 0, c] = y * to_rgb[0, c] + co * to_rgb[1, c] + cg * to_rgb[2, c]
         _rotation(row, scratch, quats[index])
 
 
@@ -139,7 +139,7 @@ def _rotation(row, axes, quat):
 
 @njit(borrows=True, nogil=True, error_model="numpy")
 @no_type_check
-def convert_harmonics(harmonics, indices, transform, colours, scratch, sh):
+def convert_harmonics(harmonics, indices, transform, to_rgb, scratch, sh):
     """Converts decoded integers to spherical harmonics, and writes them to the scene.
 
     Args:
@@ -148,7 +148,7 @@ def convert_harmonics(harmonics, indices, transform, colours, scratch, sh):
         indices: For each of the n Gaussians, its index in the output, int64 (n).
         transform: Decorrelating transform of the K harmonics, one row per transformed harmonic, as whole numbers in
             float64 (K, K).
-        colours: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3).
+        to_rgb: Factors from Y, Co and Cg (rows) to red, green and blue (columns), float64 (3, 3).
         scratch: Working array, float64 (3 K).
         sh: Output for the N Gaussians of the scene, float32 (N, K + 1, 3): red, green and blue of each harmonic; degree
             0 is not written.
@@ -174,5 +174,5 @@ def convert_harmonics(harmonics, indices, transform, colours, scratch, sh):
                 sh[index, 1 + b // 3, c] = (
                     0.0
                     if empty
-                    else scratch[b] * colours[0, c] + scratch[b + 1] * colours[1, c] + scratch[b + 2] * colours[2, c]
+                    else scratch[b] * to_rgb[0, c] + scratch[b + 1] * to_rgb[1, c] + scratch[b + 2] * to_rgb[2, c]
                 )

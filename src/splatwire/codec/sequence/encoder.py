@@ -389,16 +389,19 @@ class TracksEncoder:
         )
 
     def _encode_motion(
-        self, group: TrackGroup, coder: MotionCoder, num_known: int, ensure_births_encoded: Callable[[], list[Packet]]
+        self,
+        group: TrackGroup,
+        coder: MotionCoder,
+        num_continued: int,
+        ensure_births_encoded: Callable[[], list[Packet]],
     ) -> tuple[int, list[Packet]]:
         """Encodes the motion of all tracks (Gaussians over time) in a group of frames.
 
         Args:
             group: The tracks of the group.
-            coder: Motion coder of the tracks. Known tracks come first. New tracks follow, and their entries are filled
-                by `ensure_births_encoded`.
-            num_known: Number of known tracks. A track is known if its keyframe Gaussian was encoded in an earlier
-                group.
+            coder: Motion coder of the tracks. Continued tracks come first. Tracks with a new keyframe Gaussian follow;
+                `ensure_births_encoded` fills their entries.
+            num_continued: Number of tracks that continue with the keyframe Gaussian of an earlier group.
             ensure_births_encoded: Function that encodes the keyframe Gaussians of the new tracks, and fills the entries
                 of the new tracks in `coder`. The first call does the work; later calls return the same packets.
 
@@ -406,15 +409,19 @@ class TracksEncoder:
             Number of tracks with coded motion, and their packets; (0, []) if nothing changes.
         """
         headers, num_frames = coder.headers, group.trajectories.num_frames
-        if all_stay(headers[:num_known], num_frames) and np.array_equal(self._known.alive, headers[:num_known, TRACK]):
+        if all_stay(headers[:num_continued], num_frames) and np.array_equal(
+            self._known.alive, headers[:num_continued, TRACK]
+        ):
             ensure_births_encoded()
             if all_stay(headers, num_frames):
                 return 0, []
-        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(coder, num_known, ensure_births_encoded)
+        packets, self._costs[headers[:, TRACK]] = self._encode_motion_blocks(
+            coder, num_continued, ensure_births_encoded
+        )
         return len(headers), packets
 
     def _encode_motion_blocks(
-        self, coder: MotionCoder, num_known: int, ensure_births_encoded: Callable[[], list[Packet]]
+        self, coder: MotionCoder, num_continued: int, ensure_births_encoded: Callable[[], list[Packet]]
     ) -> tuple[list[Packet], np.ndarray]:
         """Encodes the motion of all tracks (Gaussians over time) in packets of limited size.
 
@@ -422,7 +429,7 @@ class TracksEncoder:
 
         Args:
             coder: Motion coder of the tracks, as for `_encode_motion`.
-            num_known: Number of known tracks, as for `_encode_motion`.
+            num_continued: Number of continued tracks, as for `_encode_motion`.
             ensure_births_encoded: Function that encodes the keyframe Gaussians of the new tracks, as for
                 `_encode_motion`.
 
@@ -438,7 +445,7 @@ class TracksEncoder:
 
         def ranges_to_encode() -> Iterator[tuple[int, int]]:
             for begin, end in block_ranges:
-                if end > num_known:
+                if end > num_continued:
                     ensure_births_encoded()
                 yield begin, end
 

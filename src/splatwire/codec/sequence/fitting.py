@@ -50,9 +50,13 @@ class Fitting:
                 of the fit's tracks, in the same order.
             num_frames: Number of frames in the group.
         """
-        capacity, last = self._motion.coefficients.shape[0], self._motion.coefficients.shape[2]
+        capacity, fitted_frames = self._motion.coefficients.shape[0], self._motion.coefficients.shape[2]
         # Tracks that appeared later may follow.
-        return last == num_frames and len(keys) <= capacity and np.array_equal(keys[: len(self._keys)], self._keys)
+        return (
+            fitted_frames == num_frames
+            and len(keys) <= capacity
+            and np.array_equal(keys[: len(self._keys)], self._keys)
+        )
 
     def add_frames(self, trajectories: Trajectories, end: int) -> None:
         """Continues the fit with all frames before `end` that were not added yet.

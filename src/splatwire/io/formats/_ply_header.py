@@ -53,17 +53,17 @@ class PlyHeader:
     Attributes:
         order: Byte order of binary data, `<` or `>`; empty for text.
         elements: Number of rows and row type (structured dtype) of each element, up to the first one with lists.
-        lists: Name of the first element with list properties; None if no element has lists. This element is not read.
-        list_names: Names of the list properties of the element `lists`.
-        unread: Names of the elements after the element `lists`, if they have rows. They are not read either.
+        list_element: Name of the first element with list properties, which is not read; None if no element has any.
+        list_properties: Names of the list properties of the element `list_element`.
+        unread: Names of the elements after the element `list_element`, if they have rows. They are not read either.
         comments: Text of each comment, without the word `comment`.
     """
 
     order: str
     elements: dict[str, tuple[int, np.dtype]]
-    lists: str | None
+    list_element: str | None
     comments: tuple[str, ...] = ()
-    list_names: tuple[str, ...] = ()
+    list_properties: tuple[str, ...] = ()
     unread: tuple[str, ...] = ()
 
     @property
@@ -130,8 +130,8 @@ def _parse(path: Path, head: bytes, newline: bytes) -> PlyHeader:
             format_error(path, "a PLY file of version 1.0", f"it starts with {' / '.join(texts[:2])[:80]!r}")
         )
     order = _ORDERS[format_words[1]]
-    rows, lists, unread = _elements(path, words[2:], order or "<")
-    return PlyHeader(order, rows, next(iter(lists), None), comments, next(iter(lists.values()), ()), unread)
+    elements, lists, unread = _elements(path, words[2:], order or "<")
+    return PlyHeader(order, elements, next(iter(lists), None), comments, next(iter(lists.values()), ()), unread)
 
 
 def _comments(path: Path, lines: list[bytes]) -> tuple[str, ...]:

@@ -41,7 +41,7 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
     """
     expected, num_received, num_more = header.num_bytes, 0, 0
     data = large_empty((expected,), np.uint8)
-    while num_received < expected or header.lists is None:
+    while num_received < expected or header.list_element is None:
         piece = next(source, b"")
         if not piece:
             break
@@ -51,7 +51,7 @@ def binary_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[
         num_more += len(piece) - len(part) if piece[len(part) :].strip(_LINE_ENDS) or num_more else 0
     if num_received < expected:
         raise _wrong_length(path, header, early=True)
-    if header.lists is None:
+    if header.list_element is None:
         _check_trailing_data(path, header, num_more, "bytes")
     elements, offset = {}, 0
     for name, (count, dtype) in header.elements.items():
@@ -87,7 +87,7 @@ def text_rows(path: Path, header: PlyHeader, source: Iterator[bytes]) -> dict[st
             for index, field in enumerate(names):
                 rows[field][start:stop] = _as_type(path, values[:, index], rows.dtype[field], field)
         elements[name] = rows if rows.dtype == dtype or _has_more_digits(rows) else rows.astype(dtype)
-    if header.lists is None:
+    if header.list_element is None:
         _check_trailing_data(path, header, numbers.num_left(), "words")
     return elements
 

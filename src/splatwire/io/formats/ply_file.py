@@ -167,19 +167,19 @@ def _read_elements(path: Path, file: BinaryIO, file_bytes: int) -> dict[str, Ply
         )
     read = binary_rows if header.order else text_rows
     elements = read(path, header, chain([body] if body else [], source))
-    if header.lists is not None and "vertex" not in elements:
-        if header.lists == "vertex":
-            names = ", ".join(header.list_names)[:80]
+    if header.list_element is not None and "vertex" not in elements:
+        if header.list_element == "vertex":
+            names = ", ".join(header.list_properties)[:80]
             raise DatasetError(
                 f"{path}: element vertex has list properties ({names}), and Gaussians have one number per property: "
                 "remove the lists"
             )
-        why = f"element {header.lists} has lists, so neither it nor what follows is read"
+        why = f"element {header.list_element} has lists, so neither it nor what follows is read"
         raise DatasetError(f"{path}: no vertices: {why}; write element vertex first")
     if header.unread:
         LOG.warning(
             "%s: elements %s follow the lists of element %s and are not read", path, ", ".join(header.unread)[:120],
-            header.lists,
+            header.list_element,
         )  # fmt: skip
     return {name: PlyElement(path, name, rows, header.comments) for name, rows in elements.items()}
 

@@ -187,8 +187,8 @@ class LossWeights:
 class RefineConfig:
     """Settings for refining the context model after training, with fixed anchors.
 
-    The causal model has no hash grid, and its steps do not change here. The entries of HAC++'s binary hash grid are the
-    signs of real numbers, which are trained.
+    The causal model has no hash grid, and its quantisation steps do not change here. The entries of HAC++'s binary hash
+    grid are the signs of real numbers, which are trained.
 
     Attributes:
         steps: Number of Adam steps; 0 disables the refinement.
@@ -270,8 +270,9 @@ class TrainConfig(CheckedFields):
         weights: Weights of the terms of the training loss.
         refine: Settings for the refinement of the context model at the end.
         packet_loss: Settings for simulated packet loss.
-        averaging_iterations: Averaging length of the running mean of the parameters at the end of training, in
-            iterations (`splatwire.neural.training.averaging`); 0 for no averaging.
+        averaging_iterations: Window, in iterations, of the running mean of the parameters at the end of the main phase
+            and of the fine-tuning; 0 for no averaging. The mean begins two windows before the end. In its first window
+            all iterations have equal weights, afterwards it is exponential (`splatwire.neural.training.averaging`).
         mask_threshold: An offset exists if the sigmoid of its mask logit is above this threshold.
         random_points: Maximum number of random initial points if the data has none.
         background: RGB of the background.

@@ -38,7 +38,8 @@ def fine_tuning_config(config: TrainConfig, scene: AnchorScene) -> TrainConfig:
         config: Configuration for a new scene; its length, loss weights and packet losses are kept.
         scene: The scene, which determines shapes and voxel size.
     """
-    # The whole training is fine-tuning here, so it has the length of the main phase and no phase after it.
+    # The whole training is fine-tuning here, so it has the length of the main phase and no phase after it. The context
+    # model initialises its networks in iteration `context_start + 1`: -1 keeps those of the finished scene.
     milestones = Milestones(
         config.milestones.main_iterations, noise_start=-1, growth_pause_end=-1, context_start=-1, statistics_start=0,
         growth_start=0, growth_end=0, growth_interval=1,
@@ -123,8 +124,8 @@ def _context_parameters(coding: HacppCoding | CausalCoding) -> dict[str, Tensor 
         coding.context_model.grid,
         {f"channel.{group}": mlp for group, mlp in enumerate(coding.context_model.channel)},
     )
-    planes = {"grid.volume": grid.volume * _LATENT, "grid.planes": grid.planes * _LATENT}
-    return {"prior": coding.context_model.prior, **channel, **planes}
+    tables = {"grid.volume": grid.volume * _LATENT, "grid.planes": grid.planes * _LATENT}
+    return {"prior": coding.context_model.prior, **channel, **tables}
 
 
 def _bounds(coding: HacppCoding | CausalCoding) -> tuple[Tensor, Tensor]:

@@ -1,7 +1,7 @@
 """Training of the binary hash grid (as in HAC++).
 
-The rendering uses the signs of the trained values. Gradients are computed as if the values were used directly
-(straight-through estimator).
+The context model reads the signs of the trained values; rendering does not use the grid. Gradients are computed as if
+the values were used directly (straight-through estimator).
 """
 
 # Table rows and interpolation weights depend only on the positions, so they are computed once per set of anchors.

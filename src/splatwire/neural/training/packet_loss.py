@@ -144,7 +144,7 @@ class PacketLossSimulator:
         choice = self._choices[int(torch.randint(len(self._choices), (), generator=state.generator))]
         names = self._config.packet_loss.packetizations
         name = names[int(torch.randint(len(names), (), generator=state.generator))]
-        # the schema determines only the packetization without a name; HAC++ is trained with the same one
+        # the schema matters only for the name None, which is not among these names
         packetization = packetization_named(name, CAUSAL, state.num_anchors)
         seed = int(torch.randint(1 << 62, (), generator=state.generator))
         if isinstance(choice, float):
@@ -178,7 +178,8 @@ class PacketLossSimulator:
             state: State of the training.
             packetization: Rule that splits anchors into packets.
             loss_model: The loss model.
-            seed: Seed of the loss; `splatwire.channel.draw_mask` loses the same packets with the same seed.
+            seed: Seed of the loss. With the same seed, `splatwire.channel.draw_mask` loses the same packets, except
+                with hashed grouping, whose packets are only estimated here.
             packet_anchors: Estimated number of anchors per packet. Only used with hashed grouping, which fills packets
                 up to a size in bytes.
 

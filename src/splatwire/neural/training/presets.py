@@ -52,7 +52,8 @@ High learning rates after the end of growth add no anchors, and averaging (`spla
 removes the noise that they cause. The gain is 0.56 dB with 3 % fewer bytes on lego, and 0.16 dB with as many bytes on
 snowmiku_small. Twice the factor for offsets is worse. High learning rates from the start are also worse (20 % more
 anchors)."""
-CAUSAL_LENGTH = 2400
+CAUSAL_LATE_ITERATIONS = 2400
+"""Length of the training to which the factors `CAUSAL_LATE` apply in full."""
 FINE_TUNING_SHARE = 0.3
 """Number of fine-tuning iterations for packet loss, as a share of the iterations before them (causal model only)."""
 _RAISED_RATES = ("offsets", "opacity", "color", "causal", "log_steps")
@@ -172,8 +173,8 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
     # With the published final rates, the Gaussians of a short training do not converge.
     # Figures for lego, 2,400 iterations, one training each. The final rates chosen here are 30 times those published.
     # PSNR is 1.1 dB lower with the published rates, 0.3 dB lower with 12 times these rates, and 0.1 dB lower with
-    # constant rates for opacity and colour. Higher final rates for hash grid and context networks make the stream three
-    # times as large.
+    # constant rates for opacity and colour. Higher final rates for HAC++'s hash grid and context networks make the
+    # stream three times as large; those of the causal model are raised.
     factor = max(FULL_ITERATIONS / iterations, 1.0) ** _RAISING_EXPONENT
     published = {name: getattr(rates, name) for name in _RAISED_RATES}
     ends = {name: min(rate.final * factor, rate.initial) for name, rate in published.items()}
@@ -192,7 +193,7 @@ def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
         iterations: Number of iterations of the training.
     """
     # The factors are those of `CAUSAL_LATE` for short trainings, and approach 1 for longer ones.
-    share = math.log(FULL_ITERATIONS / iterations) / math.log(FULL_ITERATIONS / CAUSAL_LENGTH)
+    share = math.log(FULL_ITERATIONS / iterations) / math.log(FULL_ITERATIONS / CAUSAL_LATE_ITERATIONS)
     power = min(max(share, 0.0), 1.0)
     late = {name: dataclasses.replace(getattr(rates, name), late=factor**power) for name, factor in CAUSAL_LATE.items()}
     return dataclasses.replace(rates, **late)

@@ -55,8 +55,8 @@ LOG = logging.getLogger(__name__)
 UNKNOWN_STREAM, SERVER_FULL, STOPPED, TOO_MANY = 1, 2, 3, 4
 
 MAX_STARTS_FACTOR = 2
-"""Number of transfers that a network (IPv4 address or IPv6 /64) may start within `WINDOW_S`, as a multiple of the
-allowed concurrent transfers; also the number of its refusals that are logged and answered with their own reason.
+"""Number of transfers that a network (IPv4 address or IPv6 /64) may start within `admission.WINDOW_S`, as a multiple
+of the allowed concurrent transfers; also the number of its refusals that are logged and answered with their own reason.
 """
 
 MAX_UPDATE_STARTS_FACTOR = 150
@@ -118,7 +118,7 @@ class Server:
         self._due: list[tuple[float, int, TransferKey]] = []
         self._planned: dict[TransferKey, float] = {}
         self._view_budget = ViewUpdateBudget()
-        self._tick = 0
+        self._num_scheduled = 0
         self._swept_at = self._now = 0.0
         self.access: Access | None = None
         self.draining = False
@@ -418,8 +418,8 @@ class Server:
         elif self._planned.get(key) != at:
             # an earlier time stays in the heap, but has no effect when it is reached
             self._planned[key] = at
-            self._tick += 1
-            heapq.heappush(self._due, (at, self._tick, key))
+            self._num_scheduled += 1
+            heapq.heappush(self._due, (at, self._num_scheduled, key))
 
     def _end_transfer(self, key: TransferKey, reason: str) -> None:
         """Removes a transfer and logs its end."""

@@ -60,7 +60,11 @@ MIN_BACKOFF = 1
 """Number of doublings of the probe interval that are always permitted."""
 
 REFUSED, MALFORMED, FULL, INTERNAL = 1, 2, 3, 4
-"""Application error codes with which the server closes connections."""
+"""Application error codes of closed connections.
+
+`REFUSED`: the client refuses the certificate. Sent by the server: `MALFORMED`, a message is invalid; `FULL`, the server
+is full, or no request arrived in time; `INTERNAL`, an error of the server.
+"""
 
 
 @dataclass(frozen=True)

@@ -336,6 +336,7 @@ class _LimitedEndpoint(AioquicServer):
             owner.drop(now)
             return False
         owner.load_identity()
+        # aioquic's attribute: with a handler it verifies the token of this datagram, with None it sends no Retry
         self._retry = self._tokens if has_token else None
         return True
 

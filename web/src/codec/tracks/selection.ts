@@ -28,8 +28,8 @@ const NUM_METHODS = 3,
   CHANNEL_WEIGHTS = [1, 1, 1, 0.5];
 
 /**
- * Estimates the motion of tracks by arrival index, shape (tracks, frames, channels). Rows with 1 in `leftOut` are not
- * used.
+ * Estimates the motion of the tracks with the arrival indices `lostTracks`, in this order, shape (lostTracks, frames,
+ * channels). Rows with 1 in `leftOut` are not used.
  */
 type Interpolate = (leftOut: Uint8Array, lostTracks: Int32Array) => Float32Array;
 /** Returns the first frame and the end frame of a track, as expected without its motion. */

@@ -319,43 +319,43 @@ export class Sequence implements SequenceDecoder {
       { firstNew, numBirths, numMotionTracks } = info.groups[group],
       frames = this.framesOf(group),
       first = group * info.timeline.groupFrames,
-      uncoveredArrivals: number[] = [];
+      uncoveredIndices: number[] = [];
     for (let arrivalIndex = 0; arrivalIndex < keyframes.count; arrivalIndex++) {
       if (covered[arrivalIndex]) continue;
       const track = keyframes.tracks[arrivalIndex],
         isNew = track >= firstNew && track < firstNew + numBirths;
       const ended = (info.lifetimes.ends.get(track) ?? Infinity) <= first;
       if (!ended && (isNew || (before ? before.alive[arrivalIndex] : track < firstNew)))
-        uncoveredArrivals.push(arrivalIndex);
+        uncoveredIndices.push(arrivalIndex);
     }
-    const found = appendUncovered(received, uncoveredArrivals, frames, numMotionTracks > 0),
+    const found = appendUncovered(received, uncoveredIndices, frames, numMotionTracks > 0),
       numReceived = received.arrivalIndices.length,
       hidden = new Uint8Array(found.arrivalIndices.length),
       batches = [...received.batches];
-    uncoveredArrivals.forEach((arrivalIndex, n) => {
+    uncoveredIndices.forEach((arrivalIndex, n) => {
       [found.begins[numReceived + n], found.ends[numReceived + n]] = this.#lifetime(arrivalIndex, group);
     });
     let gains: Float32Array | null = null;
-    if (numMotionTracks && uncoveredArrivals.length) {
+    if (numMotionTracks && uncoveredIndices.length) {
       const trackProperties = this.#trackProperties(before, group),
         { lastOffsets } = trackProperties,
-        offsets = byTrack(batches, numReceived, uncoveredArrivals.length, frames),
+        offsets = byTrack(batches, numReceived, uncoveredIndices.length, frames),
         out = offsets.subarray(numReceived * frames * NUM_CHANNELS),
-        arrived = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
+        receivedOffsets = { ...received, offsets: offsets.subarray(0, numReceived * frames * NUM_CHANNELS) },
         methods =
           concealer === "motion"
-            ? this.#interpolate(arrived, Int32Array.from(uncoveredArrivals), trackProperties, group, out)
-            : new Uint8Array(uncoveredArrivals.length).fill(concealer === "drop" ? HIDDEN : HELD);
+            ? this.#interpolate(receivedOffsets, Int32Array.from(uncoveredIndices), trackProperties, group, out)
+            : new Uint8Array(uncoveredIndices.length).fill(concealer === "drop" ? HIDDEN : HELD);
       methods.forEach((method, n) => {
-        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, uncoveredArrivals[n], out, n * frames, frames);
+        if (method !== INTERPOLATED) repeatLastOffset(lastOffsets, uncoveredIndices[n], out, n * frames, frames);
         hidden[numReceived + n] = Number(method === HIDDEN);
       });
-      batches.push({ count: uncoveredArrivals.length, offsets: transposed(out, uncoveredArrivals.length, frames) });
+      batches.push({ count: uncoveredIndices.length, offsets: transposed(out, uncoveredIndices.length, frames) });
       if (concealer === "motion" && hidden.includes(1)) gains = this.#growth({ ...found, offsets }, hidden, frames);
     } else
       batches.push({
-        count: uncoveredArrivals.length,
-        offsets: new Float32Array(uncoveredArrivals.length * NUM_CHANNELS),
+        count: uncoveredIndices.length,
+        offsets: new Float32Array(uncoveredIndices.length * NUM_CHANNELS),
       });
     return {
       ...found,
@@ -384,7 +384,7 @@ export class Sequence implements SequenceDecoder {
   /** Selects a method to cover each lost track. Writes the motion of tracks that are moved. */
   #interpolate(
     received: TrackOffsets,
-    uncoveredArrivals: Int32Array,
+    uncoveredIndices: Int32Array,
     trackProperties: TrackProperties,
     group: number,
     out: Float32Array,
@@ -397,11 +397,11 @@ export class Sequence implements SequenceDecoder {
       predictor = new LostMotionPredictor(received, complete, this.#keyframes.birthGroups, trackProperties, frames),
       interpolate = predictor.predict.bind(predictor),
       lifetime = (arrivalIndex: number) => this.#lifetime(arrivalIndex, group),
-      methods = select(received, order, uncoveredArrivals, frames, trackProperties, interpolate, lifetime),
-      moving = rowsWhere(uncoveredArrivals.length, (n) => methods[n] === INTERPOLATED),
+      methods = select(received, order, uncoveredIndices, frames, trackProperties, interpolate, lifetime),
+      moving = rowsWhere(uncoveredIndices.length, (n) => methods[n] === INTERPOLATED),
       found = interpolate(
         new Uint8Array(arrivalIndices.length),
-        moving.map((n) => uncoveredArrivals[n]),
+        moving.map((n) => uncoveredIndices[n]),
       );
     moving.forEach((n, i) => out.set(found.subarray(i * size, (i + 1) * size), n * size));
     return methods;

@@ -5,7 +5,7 @@ Arrays of anchors are ordered packet by packet; `anchor_starts[p]:anchor_starts[
 # A packet contains the positions of its anchors, then their attributes in stages. A stage is a group of attributes that
 # one network predicts at once (`context.Stage`). Masks, which indicate the offsets that exist, precede the stage of the
 # scale. Only existing offsets are coded. `tests/reference/causal_packets.py` is an equivalent implementation in plain
-# torch.
+# Python.
 
 from typing import no_type_check
 

@@ -62,10 +62,10 @@ def _context(n, unsplit_levels):
 def _num_raw_bits(count):
     """Returns the number of low bits of a coded integer that are coded with equal probabilities of 0 and 1.
 
-    The integer is from 0 to `count - 1`. Its other bits, at most 16 high bits, are coded with a model.
+    The integer is from 0 to `count - 1`. Its high bits, at most 16, are coded with equal probabilities of all values
+    that they can have.
     """
-    # The range coder supports probabilities of at most 16 bits. A larger number is split: a model predicts its high
-    # part, and the low bits are coded with equal probabilities.
+    # `encode_below` supports at most 2**16 values, so a larger number is split.
     shift = 0
     while ((count - 1) >> shift) >> RAW_BITS:
         shift += 1

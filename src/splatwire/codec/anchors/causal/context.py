@@ -4,7 +4,7 @@ Groups of attributes are predicted one after another, from the anchor's position
 """
 # Networks never use other anchors. Everything is integer arithmetic, so encoder and decoder agree on every machine;
 # matrix products use float64, which represents every partial sum exactly. `tests/reference/causal_packets.py` is an
-# equivalent implementation in plain torch.
+# equivalent implementation in plain Python.
 
 import functools
 from collections.abc import Iterator

@@ -279,7 +279,7 @@ def anchor_bits(
 @njit(nogil=True, error_model="numpy")
 @no_type_check
 def split_block(masks, bits, mask_models, max_bits, counts):
-    """Divides consecutive anchors into packets of limited size, each with as many anchors as fit.
+    """Divides a block's anchors, given in hash order, into packets of limited size, each with as many as fit.
 
     Args:
         masks: Offset masks of the anchors, uint8 (n, K).

@@ -142,7 +142,7 @@ def split_into_packets(
     mask_models: np.ndarray,
     max_payload_bytes: int,
 ) -> np.ndarray:
-    """Divides blocks (ranges of consecutive anchors) into packets of limited size, each with as many anchors as fit.
+    """Divides the anchors of each block, given in hash order, into packets of limited size with as many anchors as fit.
 
     Args:
         predicted: Predicted distributions of the anchors of all blocks, block by block.
