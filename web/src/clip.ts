@@ -251,7 +251,7 @@ export class Clip extends EventTarget {
       case "finished":
         this.#isStale = !this.live;
         return this.#clock.end();
-      case "disconnected":
+      case "disconnect":
         this.dispatchEvent(new CustomEvent("lost", { detail: message.reason }));
         return;
       case "failed":

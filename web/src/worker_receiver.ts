@@ -405,7 +405,7 @@ export class WorkerReceiver implements Receiver {
   /** Reports a disconnect. Cached packets are shown without revalidation while the server is unreachable. */
   disconnected(reason: string, retryMs: number): void {
     this.confirmed();
-    void this.settled().then(() => post({ kind: "disconnected", reason, retryMs }));
+    void this.settled().then(() => post({ kind: "disconnect", reason, retryMs }));
   }
 
   stopped(): boolean {

@@ -192,7 +192,7 @@ test("opening fails for stills, unknown concealers, failures and aborted signals
     const stop = new AbortController(),
       opening = Clip.open("https://scenes.example/a.swz", { signal: stop.signal, ...options }),
       worker = await workerOf(opening);
-    worker.send({ kind: "disconnected", reason: "unreachable", retryMs: 500 });
+    worker.send({ kind: "disconnect", reason: "unreachable", retryMs: 500 });
     fail(worker, stop);
     await assert.rejects(opening, reason);
     assert.equal(worker.isTerminated, true);

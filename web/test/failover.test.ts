@@ -321,7 +321,7 @@ test("the next session of a live clip is due at its own time, although its file 
     { opened, ...ways } = liveSessions([[0], null, null, [1]]),
     openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 120_000 }),
     { text, lost, said } = await visit(null, { session: SESSION }, { ...ways, openFile }),
-    delays = said.flatMap((one) => (one.kind === "disconnected" ? [one.retryMs] : []));
+    delays = said.flatMap((one) => (one.kind === "disconnect" ? [one.retryMs] : []));
   assert.deepEqual([text, opened.length], ["complete", 5]);
   assert.deepEqual(delays, [500, 1000, 0, 500], "the file had the delay before the third retry");
   assert.match(lost[2], /no answer to a WebTransport session; and the file did not arrive in time/);
@@ -351,7 +351,7 @@ test("the backoff of a live clip begins again after packets have arrived", async
   const { opened: _, ...ways } = liveSessions([[0], null, null, null, [1], [2]]),
     { said } = await visit(null, { session: SESSION }, ways);
   assert.deepEqual(
-    said.flatMap((one) => (one.kind === "disconnected" ? [one.retryMs] : [])),
+    said.flatMap((one) => (one.kind === "disconnect" ? [one.retryMs] : [])),
     [500, 1000, 2000, 4000, 500, 500],
   );
 });

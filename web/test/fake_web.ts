@@ -245,7 +245,7 @@ export async function visit(
   }
   await reception.digest();
   const verified = said.some((one) => one.kind === "digest" && one.isVerified),
-    lost = said.flatMap((one) => (one.kind === "disconnected" ? [one.reason] : []));
+    lost = said.flatMap((one) => (one.kind === "disconnect" ? [one.reason] : []));
   await reception.cache?.flush();
   return { text, complete: text === "complete" && reception.complete, verified, said, lost, reception };
 }

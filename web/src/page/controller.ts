@@ -425,7 +425,7 @@ export class Controller {
         return this.dispatch("updatemissed", { reason: message.reason });
       case "note":
         return panel.setMessage(message.text);
-      case "disconnected":
+      case "disconnect":
         return this.#session.lost(message.reason, message.retryMs);
       case "finished":
         return this.#finished(message.outcome, message.complete);

@@ -117,6 +117,6 @@ export type FromWorker =
   | { kind: "finished"; outcome: string; complete: boolean }
   | { kind: "failed"; text: string }
   /** Disconnect: its reason, and the time until the next attempt in milliseconds. */
-  | { kind: "disconnected"; reason: string; retryMs: number }
+  | { kind: "disconnect"; reason: string; retryMs: number }
   /** Result of the digest check. Sent without a request once the stream is complete. */
   | { kind: "digest"; isVerified: boolean };
