@@ -19,38 +19,38 @@ export const { version } = JSON.parse(readFileSync(`${root}package.json`, "utf8"
  */
 const INTERNAL = `
   accept across activity addChanges addHeadset addKeyframes addMotion addPacket addPeriod admit anchorBytes
-  applyAttribute arrivalIndices arrived axisCount axisDeviation baseCount baseDigest baseExponents batches batchesOf
-  batchSize begins birthGroups bitsOf blockMeans blockSize boxes bundled bytesOf cancelConcealment canRetry changeMs
-  checkConcealmentMemory closeness columnShifts compared completeRows concealed concealmentBytes confirmed conflicts
-  contradicts contrasts copies corners covered damagedTiles damages datagramsLost decoder defaultDirection delaySeconds
-  densityRadius deviations disconnected dispatch distances drawnChildren drawUnits droppedGroups duplicates
-  elementDecoder elementsOf elementsPerByte endState enterHeadset expectedErrors exponent extents failuresAfter
-  featureActivations fileHead firstBlock firstBytes firstFrame firstGroup firstNew firstPackets firstTrack forCamera
-  forgetMotion forgetOffsets formatVersion frameMs framesOf framingBlocks framingGaussians fullScreen gainsOfDrawn
-  gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder gaussiansFor gopOf groupFrames growth hasAnswered
-  hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth headBytes heads headSize helpOpen
-  hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes initSegmentMs inputs intake integers invalidate
-  isComplete isCut isEmpty isFree isKept isKeyframe isLinear isLive isNew isOnlySource isReady isReceived isReordered
-  isRetry isRetryable isSame isSameStream isSequence isSorting isTryingWhole isVerified isVisible isWebPage isWhole
-  keptBytes keyframeBlock keyframeInfo kinds laneCounter lastOffsets latticeBits latticeShift leafIndex leafSize leaky
-  leaveOut leftOut lengths linearSteps log2MotionUnits logDeviations logScales logStepRatios lookUpSession lostSequences
-  manifest manifestBytes maxExcess maxPositionShift maxTiers mayIdle medianRadius members middle models moveBetween
-  nacks nearestFirst nearestOthers newPackets nextView noGaussians noteChange noteFailure noteUseless numBirths
-  numBlocks numBytes numCoefficients numConcealed numElements numElementsOf numGaussians numHarmonicColumns numHidden
-  numInitSegments numIntact numKept numKeyframes numLatePackets numLowBits numMaskLogits numMotionTracks numNew
-  numOffsets numPackets numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera
-  onChange onContextAvailable onContextLost onInput onLiveHead onUse openFile orderDigest outcome owners packetBytes
-  packetDecoder packetsOf paintedCanvas parents pictureChanged planBlock planIndices playableEnd playingLive
-  pointCameraAt polynomials positionStep predictAxis ranges ranks receiveDatagrams recordWhen redraw referenceOffsets
-  referenceRows refusals rejected renderer reordered reorient repeatMs replaceTiles reportCamera reportPlayable
-  requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices sceneInView sections sequence setCamera
-  setConcealers setCooperative setInfo setLimits setMessage setRow settled setUp setViewpoint setVisible shifts
-  showNotice showStatistics sideInfo sideInfoBytes sideInfoDigest signed simulation sizeLog spread squares stage stages
-  stalledFrames started startWebGL stateOf stepsOfLogs stopProbabilities storeValues streamId subject surface
-  symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timed
-  timeline trackProperties transmittance transports trust unsigned upperBits upRotation useless viewComplete
-  viewDependent viewUpdate visibleParts voxels voxelSize waited waitUntil wanted wasConcealed welcome withdraw
-  withoutComparison withRenderer zeroPoints
+  applyAttribute arrivalIndexOfTrack arrivalIndices arrived axisCount axisDeviation baseCount baseDigest baseExponents
+  batches batchesOf batchSize begins birthGroups bitsOf blockMeans blockSize boxes bundled bytesOf cancelConcealment
+  canRetry changeMs checkConcealmentMemory closeness columnShifts compared completeRows concealed concealmentBytes
+  confirmed conflicts contradicts contrasts copies corners covered damagedTiles damages datagramsLost decoder
+  defaultDirection delaySeconds densityRadius deviations disconnected dispatch distances drawnChildren drawUnits
+  droppedGroups duplicates elementDecoder elementsOf elementsPerByte endState enterHeadset expectedErrors exponent
+  extents failuresAfter featureActivations fileHead firstBlock firstBytes firstFrame firstGroup firstNew firstPackets
+  firstTrack forCamera forgetMotion forgetOffsets formatVersion frameMs framesOf framingBlocks framingGaussians
+  fullScreen gainsOfDrawn gainsOfSplats gainsOfUnits gainsWithoutCopies gaussianDecoder gaussiansFor gopOf groupFrames
+  growth hasAnswered hasCopies hasEnded hasHead hasManifestOf hasNew hasSentView hasUnknownBirth headBytes heads
+  headSize helpOpen hideNotice identityAt idleMs indexInBlock initSegment initSegmentBytes initSegmentMs inputs intake
+  integers invalidate isAllSent isComplete isCut isEmpty isFree isKept isKeyframe isLinear isLive isNew isOnlySource
+  isReady isReceived isReordered isRetry isRetryable isSame isSameStream isSequence isSorting isTryingWhole isVerified
+  isVisible isWebPage isWhole keptBytes keyframeBlock keyframeInfo kinds laneCounter lastOffsets latticeBits
+  latticeShift leafIndex leafSize leaky leaveOut leftOut lengths linearSteps log2MotionUnits logDeviations logScales
+  logStepRatios lookUpSession lostSequences manifest manifestBytes maxExcess maxPacketBytes maxPositionShift maxTiers
+  mayIdle medianRadius members middle models moveBetween nacks nearestFirst nearestOthers newPackets nextView
+  noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes numCoefficients numConcealed numElements
+  numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKept numKeyframesWhenDecoded
+  numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets numReceived numRemoved numSymbols
+  numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextAvailable onContextLost onInput
+  onLiveHead onUse openFile orderDigest outcome owners packetBytes packetDecoder packetsOf paintedCanvas parents
+  pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep predictAxis ranges
+  ranks receiveDatagrams receivedPacketBytes recordWhen redraw referenceOffsets referenceRows refusals rejected renderer
+  reordered reorient repeatMs replacesDrawn replaceTiles reportCamera reportPlayable requestFrame requestId rescale
+  residuals resultDigest rowSteps scaleIndices sceneInView sections sequence setCamera setConcealers setCooperative
+  setInfo setLimits setMessage setRow settled setUp setViewpoint setVisible shifts showNotice showStatistics sideInfo
+  sideInfoBytes sideInfoDigest signed simulation sizeLog spread squares stage stages stalledFrames started startWebGL
+  stateOf stepsOfLogs stopProbabilities storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing
+  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timed timeline trackProperties transmittance
+  transports trust unsigned upperBits upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels
+  voxelSize waited waitUntil wanted wasConcealed welcome withdraw withoutComparison withRenderer zeroPoints
 `
   .trim()
   .split(/\s+/);

@@ -28,8 +28,8 @@ export class LostMotionPredictor {
 
   /**
    * Returns the offsets of the tracks with the arrival indices `lostTracks`, in this order, shape (lostTracks, frames,
-   * channels). Rows with 1 in `leftOut` are not used. Tracks that are born in the same group as most of the received ones are predicted from these, because
-   * offsets of others refer to another time.
+   * channels). Rows with 1 in `leftOut` are not used. Tracks that are born in the same group as most of the received
+   * ones are predicted from these, because offsets of others refer to another time.
    */
   predict(leftOut: Uint8Array, lostTracks: Int32Array): Float32Array {
     const { arrived, trackProperties, frames, birthGroups } = this,

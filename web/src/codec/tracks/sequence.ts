@@ -1,7 +1,8 @@
 // Received packets of a clip, and its decoded frames. Counterpart of `splatwire.sequence.decoding`.
 //
-// Arrays of tracks are by arrival index or by row; only `arrivalIndexOfTrack` is by track number. An arrival index is the index of a track's keyframe Gaussian
-// in order of arrival (`KeyframeGaussians`); a row is an index in the arrays of one group (`DecodedGroup`).
+// Arrays of tracks are by arrival index or by row; only `arrivalIndexOfTrack` is by track number. An arrival
+// index is the index of a track's keyframe Gaussian in order of arrival (`KeyframeGaussians`); a row is an index in the
+// arrays of one group (`DecodedGroup`).
 
 import { ByteReader } from "../../bytes.ts";
 import { Growth } from "../../conceal/grow.ts";
