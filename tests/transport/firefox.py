@@ -11,8 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from browser_driver import Page, running
+from browser_driver import NavigatedError, Page, running
 
+NAVIGATED = (
+    "Document was unloaded",
+    "destroyed before query",
+    "No such JSWindowActor",
+    "Browsing context has been discarded",
+)
+"""Parts of the messages of calls in a document that another one replaced."""
 PREFERENCES = """
 user_pref("marionette.port", {port});
 user_pref("browser.shell.checkDefaultBrowser", false);
@@ -66,7 +73,8 @@ class Firefox(Page):
         _, number, error, found = self._message()
         assert number == self._count
         if error:
-            raise RuntimeError(f"{name}: {error}")
+            navigated = any(words in str(error) for words in NAVIGATED)
+            raise (NavigatedError if navigated else RuntimeError)(f"{name}: {error}")
         return found
 
     def _message(self) -> Any:

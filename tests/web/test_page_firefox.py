@@ -3,6 +3,9 @@
 import asyncio
 import base64
 import io
+import json
+import socket
+import threading
 
 import numpy as np
 import pytest
@@ -10,6 +13,7 @@ from PIL import Image
 
 from explicit import encode_splats
 from scenes import tiny_causal_scene
+from browser_driver import NavigatedError
 from splatwire.bitstream import Packetization
 from splatwire.codec import encode_scene
 from splatwire.transport import make_served_stream
@@ -64,3 +68,35 @@ def test_firefox_decodes_the_integers_of_python() -> None:
         server.close()
 
     run(work())
+
+
+def test_expressions_are_evaluated_again_after_a_navigation() -> None:
+    """Another server answers in place of Firefox."""
+    unloaded = {"error": "javascript error", "message": "Document was unloaded", "stacktrace": ""}
+    replaced = {"error": "unknown error", "message": "AbortError: Actor 'A' destroyed before query 'B' was resolved"}
+    other = {"error": "javascript error", "message": "ReferenceError: x is not defined"}
+    answers = [None, None, unloaded, replaced, None, unloaded, other]
+
+    def answer(server: socket.socket) -> None:
+        connection, _ = server.accept()
+        with connection:
+            messages = [{"marionetteProtocol": 3}]
+            messages += [[1, i, error, {"value": 7}] for i, error in enumerate(answers, 1)]
+            for message in messages:
+                text = json.dumps(message)
+                connection.sendall(f"{len(text)}:{text}".encode())
+            while connection.recv(1 << 16):
+                pass
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=answer, args=(server,), daemon=True)
+        thread.start()
+        page = Firefox(server.getsockname()[1], 60)
+        assert page.wait_for("x", 60) == 7
+        with pytest.raises(NavigatedError):
+            page.evaluate("x")
+        with pytest.raises(RuntimeError, match="x is not defined") as raised:
+            page.evaluate("x")
+        assert not isinstance(raised.value, NavigatedError)
+        page.close()
+        thread.join(60)
