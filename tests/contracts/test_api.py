@@ -100,6 +100,8 @@ def test_scores_are_those_of_the_metrics_per_view(scene):
     assert np.allclose(same.ssim, 1)
     black = splatwire.evaluate(scene, np.zeros((2, 24, 32, 3), np.float32), cameras)
     assert (black.psnr < 40).all()
+    listed = splatwire.evaluate(scene, [np.zeros((24, 32, 3), np.float32)] * 2, cameras)
+    assert np.array_equal(listed.psnr, black.psnr)
 
 
 @pytest.mark.needs_torch

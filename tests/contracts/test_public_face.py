@@ -1,6 +1,8 @@
 """Public names exist, are typed and load no heavy module."""
 
+import dataclasses
 import importlib
+import re
 import runpy
 import subprocess
 import sys
@@ -13,6 +15,7 @@ import pytest
 import splatwire
 from splatwire.codec import ProgressiveDecoder
 from splatwire.codec.schema import CodedPackets
+from splatwire.reprs import summary_repr
 from splatwire.sequence import SequenceEncoder, SequenceOptions, TrackingReport
 from splatwire.transport import Welcomed
 from splatwire.types import LossMask
@@ -130,6 +133,27 @@ def test_packages_export_every_name_in_all(package):
     assert module.__all__
     assert len(set(module.__all__)) == len(module.__all__)
     assert [name for name in module.__all__ if not hasattr(module, name)] == []
+
+
+ARRAY = re.compile(r"ndarray|Float|Int\d|Bool\[|\bbytes\b")
+"""Annotations of fields with arrays, or bytes of any length."""
+
+
+@pytest.mark.needs_torch
+@pytest.mark.parametrize("package", ["", ".io", ".types", ".io.formats", ".bitstream", ".channel", ".codec",
+                                  ".concealment", ".render", ".data", ".evaluation", ".sequence", ".lod",
+                                  ".transport", ".neural.training"])  # fmt: skip
+def test_public_records_show_shapes_instead_of_arrays(package):
+    module = importlib.import_module(f"splatwire{package}")
+    shown_as_numbers = [
+        name
+        for name in vars(module)["__all__"]
+        if name != "FileFormat"  # one of its functions takes bytes
+        and dataclasses.is_dataclass(kind := getattr(module, name))
+        and any(field.repr and ARRAY.search(str(field.type)) for field in dataclasses.fields(kind))
+        and kind.__repr__ is not summary_repr
+    ]
+    assert shown_as_numbers == []
 
 
 NOT_IN_THE_REFERENCE = {

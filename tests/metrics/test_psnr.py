@@ -41,3 +41,21 @@ def test_pictures_of_eight_bits_are_an_error(metric) -> None:
             metric(ours, theirs)
     with pytest.raises(InvalidValueError, match="expected RGB from 0 to 1, not uint8 up to"):
         image_pair(image, (255 * image).astype(np.uint8))
+
+
+@pytest.mark.parametrize("metric", [psnr, psnr_by_channel, ssim])
+def test_pictures_scaled_for_networks_are_an_error(metric) -> None:
+    image = Numbers(0).rand(1, 16, 16, 3)
+    for ours, theirs in ((image, 2 * image - 1), (2 * image - 1, image)):
+        with pytest.raises(InvalidValueError, match=r"expected RGB from 0 to 1, not from -0\.\d+: .*\(x \+ 1\) / 2"):
+            metric(ours, theirs)
+
+
+@pytest.mark.parametrize("metric", [psnr, psnr_by_channel, ssim])
+@pytest.mark.parametrize("dtype", ["float16", ">f4"])
+def test_pictures_of_other_number_types_are_compared_in_float32(metric, dtype) -> None:
+    """A square of a small difference is 0 in float16."""
+    image = Numbers(0).rand(1, 16, 16, 3)
+    ours, theirs = image.astype(dtype), (image + 1e-4).astype(dtype)
+    expected = metric(ours.astype(np.float32), theirs.astype(np.float32))
+    assert np.array_equal(metric(ours, theirs), expected)

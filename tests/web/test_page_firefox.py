@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from browser_driver import NavigatedError
 from explicit import encode_splats
 from scenes import tiny_causal_scene
-from browser_driver import NavigatedError
 from splatwire.bitstream import Packetization
 from splatwire.codec import encode_scene
 from splatwire.transport import make_served_stream

@@ -16,6 +16,7 @@ from splatwire.errors import InvalidValueError, check_progress, shown
 from splatwire.rate_control.encoding import Effort, encode_controlled
 from splatwire.rate_control.targets import Target, parse_size
 from splatwire.rate_control.tuning import Tuning
+from splatwire.reprs import summary_repr
 from splatwire.sequence import Frame, SequenceOptions, encode_sequence
 from splatwire.types import AnchorScene, ReceivedScene, SplatScene
 from splatwire.types.scene import Scene
@@ -45,6 +46,8 @@ class GaussianOptions(CheckedFields):
     tiers: np.ndarray | None = None
     class_offsets: np.ndarray | None = None
 
+    __repr__ = summary_repr
+
 
 @dataclass(frozen=True, eq=False)
 class AnchorOptions(CheckedFields):
@@ -62,6 +65,8 @@ class AnchorOptions(CheckedFields):
     packetization: Packetization | str | None = None
     tiers: np.ndarray | None = None
     network_tolerance: float | None = None
+
+    __repr__ = summary_repr
 
 
 @checked_except("scene", "progress")

@@ -1,11 +1,12 @@
 """Quality of a scene against a reference."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.arguments import checked_except
+from splatwire.arguments import array_of, checked_except
 from splatwire.metrics import psnr, ssim
 from splatwire.render import Renderer, render_scene
 from splatwire.reprs import summary_repr
@@ -32,7 +33,7 @@ class Scores:
 @checked_except("scene", "reference", "cameras", "renderer")
 def evaluate(
     scene: Scene | ReceivedScene | Splats,
-    reference: Scene | ReceivedScene | Splats | Float[np.ndarray, "C H W 3"],
+    reference: Scene | ReceivedScene | Splats | Float[np.ndarray, "C H W 3"] | Sequence[Float[np.ndarray, "H W 3"]],
     cameras: Cameras,
     *,
     renderer: str | Renderer = "cpu",
@@ -41,7 +42,8 @@ def evaluate(
 
     Args:
         scene: The scene, e.g. after losses and concealment.
-        reference: The scene without losses, or one picture per camera, RGB in [0, 1], numpy or torch.
+        reference: The scene without losses, or one picture per camera, RGB in [0, 1]: an array of numpy or torch, or a
+            list of arrays.
         cameras: The cameras.
         renderer: A renderer or its name.
 
@@ -61,5 +63,8 @@ def evaluate(
         True
     """
     images = render_scene(scene, cameras, renderer=renderer)
-    wanted = reference if hasattr(reference, "shape") else render_scene(reference, cameras, renderer=renderer)
+    if isinstance(reference, list | tuple):
+        wanted = array_of(reference, "reference", ("C", "H", "W", 3))
+    else:
+        wanted = reference if hasattr(reference, "shape") else render_scene(reference, cameras, renderer=renderer)
     return Scores(psnr(images, wanted), ssim(images, wanted))

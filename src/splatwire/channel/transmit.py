@@ -13,6 +13,7 @@ from splatwire.bitstream.packetization import DATAGRAM_BYTES
 from splatwire.channel.loss_models import LossModel
 from splatwire.channel.loss_text import parse_loss
 from splatwire.errors import InvalidValueError, check_kind, shown, whole_number
+from splatwire.reprs import summary_repr
 
 SEED_STEP = 1_000_003
 """Increment of the random seed from one round of retransmissions to the next, so that rounds differ in their losses."""
@@ -72,6 +73,8 @@ class PacketLossMask(CheckedFields):
     received: np.ndarray
     num_datagrams: int
     num_lost_datagrams: int
+
+    __repr__ = summary_repr
 
     @property
     def num_lost(self) -> int:

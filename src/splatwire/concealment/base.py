@@ -7,6 +7,7 @@ import numpy as np
 
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import to_arrays
+from splatwire.reprs import summary_repr
 from splatwire.types import ReceivedScene, RenderHints
 
 
@@ -23,6 +24,8 @@ class Concealed(RenderHints):
 
     elements: Any = None
     draws_hidden: bool = False
+
+    __repr__ = summary_repr
 
     @staticmethod
     def filled(elements: Any) -> "Concealed":

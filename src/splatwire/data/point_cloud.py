@@ -9,6 +9,7 @@ from jaxtyping import Float
 from splatwire.arguments import CheckedFields
 from splatwire.errors import DatasetError
 from splatwire.io.formats.ply_file import read_ply_elements
+from splatwire.reprs import summary_repr
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 
 _AXES, _COLORS = ("x", "y", "z"), ("red", "green", "blue")
@@ -28,6 +29,8 @@ class SparsePoints(CheckedFields):
     positions: Float[np.ndarray, "P 3"]
     colors: Float[np.ndarray, "P 3"]
     origin: Origin = NO_ORIGIN
+
+    __repr__ = summary_repr
 
     @property
     def num_points(self) -> int:

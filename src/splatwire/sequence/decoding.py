@@ -16,6 +16,7 @@ from splatwire.concealment.temporal.neighbors import POSITION
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
 from splatwire.errors import BitstreamError
 from splatwire.ops.threads import parallel_map
+from splatwire.reprs import summary_repr
 from splatwire.sequence import _pose_kernels as kernels
 from splatwire.types import LossMask, ReceivedScene, RenderHints, SplatScene
 from splatwire.types.sequence_scene import SequenceScene
@@ -40,6 +41,8 @@ class SequenceFrame(CheckedFields):
     scene: SplatScene
     tracks: np.ndarray
     concealed: np.ndarray
+
+    __repr__ = summary_repr
 
 
 @checked

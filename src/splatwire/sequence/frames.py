@@ -32,6 +32,7 @@ from splatwire.files.names import path_of
 from splatwire.io.formats import format_of, read_rows, read_splatv
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.splatv import MovingSplats
+from splatwire.reprs import summary_repr
 from splatwire.types import SplatScene
 from splatwire.types.background import BLACK, Background
 from splatwire.types.splats import Splats
@@ -216,6 +217,8 @@ class Frame(FileContent):
     """
 
     drawn: np.ndarray
+
+    __repr__ = summary_repr
 
     @staticmethod
     def of(splats: Splats, source: object = "a frame", **properties: Any) -> "Frame":

@@ -16,6 +16,7 @@ import numpy as np
 from splatwire.arguments import CheckedFields, checked
 from splatwire.errors import DatasetError
 from splatwire.files.read_limited import open_regular
+from splatwire.reprs import summary_repr
 
 DIGEST_DIGITS = 32
 _HEAD_BYTES = 8192
@@ -40,6 +41,8 @@ class PlySteps(CheckedFields):
 
     content: bytes
     classes: np.ndarray
+
+    __repr__ = summary_repr
 
     def line(self, digest: str) -> str:
         """Returns the header comment of a PLY with the quantisation steps and the digest of the vertices."""

@@ -25,6 +25,7 @@ from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.read_limited import open_regular
 from splatwire.io.formats._columns import build_splats, check_count
 from splatwire.ops.spherical_harmonics import DC
+from splatwire.reprs import summary_repr
 from splatwire.types.splats import Splats
 
 MAGIC = b"\x4b\x67\0\0"
@@ -48,6 +49,8 @@ class MovingSplats(CheckedFields):
 
     path: Path
     records: np.ndarray
+
+    __repr__ = summary_repr
 
     def at(self, time: float) -> Splats:
         """Returns the Gaussians at a time from 0 (start of the sequence) to 1 (end).

@@ -10,6 +10,7 @@ from splatwire.metrics import psnr, ssim
 from splatwire.ops.arrays import to_numpy
 from splatwire.render.base import Renderer
 from splatwire.render.render import iterate_views
+from splatwire.reprs import summary_repr
 from splatwire.types.scene import Scene
 
 
@@ -30,6 +31,8 @@ class QualityReport:
     ssim: float
     num_views: int
     preview: Float[np.ndarray, "H W2 3"]
+
+    __repr__ = summary_repr
 
 
 def assess_scene(

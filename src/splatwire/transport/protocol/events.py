@@ -4,6 +4,7 @@ import warnings
 from dataclasses import dataclass
 
 from splatwire.bitstream import Manifest, Packet, PacketIntake, SceneStream
+from splatwire.reprs import summary_repr
 from splatwire.transport.protocol.messages import Welcome
 
 
@@ -22,6 +23,8 @@ class Welcomed:
     init_segment_bytes: int
     preview: bytes = b""
     is_live: bool = False
+
+    __repr__ = summary_repr
 
     @property
     def head_bytes(self) -> int:
@@ -57,6 +60,8 @@ class SideInfoArrived:
     manifest: Manifest
     side_info: bytes
     intake: PacketIntake
+
+    __repr__ = summary_repr
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from splatwire.arguments import checked
 from splatwire.bitstream import Packet, PacketId, SceneStream, send_sequence
 from splatwire.bitstream.tiles import Tiles, read_tiles
 from splatwire.errors import InvalidValueError
+from splatwire.reprs import summary_repr
 from splatwire.transport.fec import ALIGNMENT, MAX_REPAIR, framed, repair_symbols, source_symbols, symbol_bytes_for
 from splatwire.transport.protocol.layout import ParityGroup, SourceBlocks, init_segment, parity_groups
 from splatwire.transport.protocol.messages import MAX_PREVIEW, ParityRange
@@ -120,6 +121,8 @@ class ServedStream:
     tiles: Tiles | None = None
     opening_packets: int = 0
     is_live: bool = False
+
+    __repr__ = summary_repr
 
     @functools.cached_property
     def send_schedule(self) -> SendSchedule:
