@@ -20,6 +20,8 @@ R = TypeVar("R")
 
 MAX_THREADS = 1024
 """Maximum number of threads that a function accepts."""
+_NUM_ITEMS = 1000
+"""Number of items of a wrong list whose types a message names."""
 _VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
@@ -135,7 +137,15 @@ def _check(rule: Rule, value: Any, name: str, owner: str = "") -> Any:
     where = f"{owner}.{name}" if owner else name
     if rule.kind is not None and (reader := READERS.get(rule.kind.__name__)) is not None:
         check_kind(value, rule.kind, reader, where)
-    raise InvalidValueError(f"{where}: expected {rule.expected}, not {shown(value)}")
+    raise InvalidValueError(f"{where}: expected {rule.expected}, not {_shown_with_items(value)}")
+
+
+def _shown_with_items(value: Any) -> str:
+    """Describes a wrong argument for a message; for a list or a tuple, with the types of its items."""
+    if not isinstance(value, list | tuple) or not value:
+        return shown(value)
+    kinds = list(dict.fromkeys(type(item).__name__ for item in value[:_NUM_ITEMS]))
+    return f"{shown(value)} of {', '.join(kinds[:3])}"
 
 
 def array_of(

@@ -56,7 +56,8 @@ def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
     Args:
         value: The argument.
         kind: The expected type.
-        reader: Name of the function that reads such an object from a file, for the message.
+        reader: Name of the function that returns such an object, or an expression such as `open_scene(...).splats`, for
+            the message.
         name: Name of the argument, for the message.
 
     Raises:
@@ -65,9 +66,10 @@ def check_kind(value: object, kind: type, reader: str, name: str = "") -> None:
     if not isinstance(value, kind):
         actual = type(value).__name__
         if isinstance(value, tuple) and value and isinstance(value[0], kind):
-            actual = f"a pair: take its first item, as in `{kind.__name__.lower()}, report = {reader}(path)`"
+            actual = f"a pair: take its first item, as in `first, report = {reader}(path)`"
         where = f"{name}: " if name else ""
-        raise InvalidValueError(f"{where}expected {kind.__name__} (`{reader}` reads one from a file), not {actual}")
+        how = "is one" if "(" in reader else "returns one" if reader == "decode_stream" else "reads one from a file"
+        raise InvalidValueError(f"{where}expected {kind.__name__} (`{reader}` {how}), not {actual}")
 
 
 def whole_number(value: object, name: str, least: int = 0, most: int | None = None) -> int:

@@ -14,7 +14,7 @@ import splatwire
 from moving_sequences import moving_frames
 from scenes import tiny_cameras, tiny_scene
 from splatwire.data import save_cameras
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, check_kind
 from splatwire.render import Pictures
 
 MODULES = (
@@ -68,6 +68,23 @@ def test_options_of_another_kind_of_scene_are_refused(scene):
         splatwire.encode(scene, splatwire.AnchorOptions())
     with pytest.raises(InvalidValueError, match="options: expected AnchorOptions for anchors, not GaussianOptions"):
         splatwire.encode(tiny_scene(num_anchors=30), splatwire.GaussianOptions())
+
+
+def test_messages_about_wrong_arguments_name_what_works(scene):
+    stream = splatwire.encode(scene)
+    for call, message in (
+        (
+            lambda: check_kind(stream, splatwire.ReceivedScene, "decode_stream"),
+            r"expected ReceivedScene \(`decode_stream` returns one\)",
+        ),
+        (
+            lambda: check_kind(scene, splatwire.Splats, "open_scene(...).splats"),
+            r"expected Splats \(`open_scene\(...\).splats` is one\)",
+        ),
+        (lambda: splatwire.encode([scene.splats] * 2), "not list: frames need the options `SequenceOptions`"),
+    ):
+        with pytest.raises(splatwire.InvalidValueError, match=message):
+            call()
 
 
 def test_decode_takes_a_stream_its_bytes_or_its_path(scene, tmp_path):

@@ -78,6 +78,13 @@ def test_other_arguments_are_an_error_that_names_the_parameter(name, value):
         call(**{name: value})
 
 
+def test_messages_about_lists_name_the_types_of_their_items():
+    with pytest.raises(InvalidValueError, match=r"^items: expected a sequence of .*, not list of int, str$"):
+        call(items=[1, "two", 3])
+    with pytest.raises(InvalidValueError, match=r"^pair: expected .*, not tuple of str$"):
+        call(pair=("a",))
+
+
 def test_positional_arguments_are_checked():
     with pytest.raises(InvalidValueError, match=r"^factor: expected a number, not 'x'"):
         call(1, "x")

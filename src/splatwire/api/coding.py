@@ -1,7 +1,7 @@
 """Encoding of any scene, with options that depend on the kind of scene, and decoding of any stream."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -124,6 +124,8 @@ def encode(
             raise InvalidValueError("size, psnr and effort are for static scenes: frames take a quality")
         chosen = options if quality is None else replace(options, quality=quality)
         return _encode_frames(scene, chosen, threads, progress)
+    if isinstance(scene, list | tuple | Iterator):
+        raise InvalidValueError(f"expected a scene, not {shown(scene)}: frames need the options `SequenceOptions`")
     checked_scene = as_scene(scene)  # type: ignore[arg-type]
     expected = AnchorOptions if isinstance(checked_scene, AnchorScene) else GaussianOptions
     if options is not None and not isinstance(options, expected):

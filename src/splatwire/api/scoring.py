@@ -1,7 +1,9 @@
 """Quality of a scene against a reference."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -34,7 +36,7 @@ class Scores:
 def evaluate(
     scene: Scene | ReceivedScene | Splats,
     reference: Scene | ReceivedScene | Splats | Float[np.ndarray, "C H W 3"] | Sequence[Float[np.ndarray, "H W 3"]],
-    cameras: Cameras,
+    cameras: Cameras | str | os.PathLike[str],
     *,
     renderer: str | Renderer = "cpu",
 ) -> Scores:
@@ -44,7 +46,7 @@ def evaluate(
         scene: The scene, e.g. after losses and concealment.
         reference: The scene without losses, or one picture per camera, RGB in [0, 1]: an array of numpy or torch, or a
             list of arrays.
-        cameras: The cameras.
+        cameras: Cameras, or the path of a file for `splatwire.data.load_cameras`.
         renderer: A renderer or its name.
 
     Returns:
@@ -63,8 +65,9 @@ def evaluate(
         True
     """
     images = render_scene(scene, cameras, renderer=renderer)
+    wanted: Any = reference
     if isinstance(reference, list | tuple):
         wanted = array_of(reference, "reference", ("C", "H", "W", 3))
-    else:
-        wanted = reference if hasattr(reference, "shape") else render_scene(reference, cameras, renderer=renderer)
+    elif not hasattr(reference, "shape"):
+        wanted = render_scene(reference, cameras, renderer=renderer)
     return Scores(psnr(images, wanted), ssim(images, wanted))

@@ -106,7 +106,7 @@ class Splats:
         Raises:
             InvalidValueError: If `source` has another degree, or more Gaussians than there are from `begin` on.
         """
-        check_kind(source, Splats, "open_scene", "source")
+        check_kind(source, Splats, "open_scene(...).splats", "source")
         capacity = self.num_gaussians - whole_number(begin, "begin")
         if source.num_gaussians > capacity or source.degree != self.degree:
             raise InvalidValueError(
@@ -213,7 +213,7 @@ class Splats:
             InvalidValueError: If an argument has another type, or is for another number of Gaussians.
         """
         check_kind(loss_mask, LossMask, "decode_stream(...).loss_mask", "loss_mask")
-        check_kind(estimates, Splats, "open_scene", "estimates")
+        check_kind(estimates, Splats, "open_scene(...).splats", "estimates")
         check_mask(loss_mask.fully_received, self.num_gaussians, "loss_mask")
         if estimates.sh.shape != self.sh.shape:
             raise InvalidValueError(f"estimates: Gaussians with sh {estimates.sh.shape}, not {self.sh.shape}")
