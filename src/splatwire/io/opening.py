@@ -151,6 +151,17 @@ def drawable_scene(path: Path, concealer: Concealer | str) -> tuple[Scene, int]:
     return conceal_if_received(loaded_scene.loaded, method), loaded_scene.num_lost
 
 
+def check_scene_kind(path: Path) -> None:
+    """Checks that a file or folder is of a format that `read_any_scene` reads. Only its beginning is read.
+
+    Raises:
+        BitstreamError: If it has another format.
+    """
+    kind = file_kind(path)
+    if find_format(kind) is None and kind not in STREAMS and kind not in SCENE_FILES:
+        raise BitstreamError(format_error(path, _EXPECTED) + model_nearby(path, MODEL_3DGS, HACPP))
+
+
 def _read(path: Path) -> LoadedScene:
     kind = file_kind(path)
     form = find_format(kind)
@@ -175,9 +186,8 @@ def _read(path: Path) -> LoadedScene:
     if kind in STREAMS:
         received = decode_stream(read_stream(path)[0].require_static(path))
         return LoadedScene(kind, received, received.loss_mask)
-    if kind in SCENE_FILES:
-        return LoadedScene(kind, *load_scene_file(path))
-    raise BitstreamError(format_error(path, _EXPECTED) + model_nearby(path, MODEL_3DGS, HACPP))
+    check_scene_kind(path)
+    return LoadedScene(kind, *load_scene_file(path))
 
 
 def _background_of(folder: Path) -> Background:

@@ -2,16 +2,20 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from evaluation.masked_photos import write_photos
+from explicit import ball_of_gaussians
 from scenes import tiny_cameras, tiny_scene
 from splatwire.bitstream import PRESETS, read_stream, write_stream
 from splatwire.channel import transmit
+from splatwire.codec import encode_scene, with_section
 from splatwire.errors import SplatwireError
 from splatwire.evaluation.study import InProcess, SceneEntry, Store, Study, measure_study_sizes, run_study
-from splatwire.evaluation.study.definition import Loss, Row
+from splatwire.evaluation.study.definition import Decoded, Loss, Row
 from splatwire.evaluation.study.inputs import check_scenes
+from splatwire.io import save_scene
 
 COMPLETE = Row("complete", "no loss", None, lossless=True)
 
@@ -82,3 +86,57 @@ def test_sizes_are_measured_only_if_every_stream_is_complete(study, lossy, tmp_p
         )
     assert not steps
     assert not list((tmp_path / "store").rglob("*.swz"))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"source": "cut.ply", "kind": "scene"}, r"cut\.ply"),
+        ({"source": "model", "kind": "model"}, r"checkpoint\.pth"),
+        ({"reference": "notes.txt"}, r"notes\.txt"),
+        ({"weights": "notes.txt"}, r"notes\.txt"),
+    ],
+    ids=["scene file", "model", "reference", "weights"],
+)
+@pytest.mark.needs_torch
+def test_files_that_cannot_be_used_are_refused_before_the_work(study, tmp_path, change, message):
+    """The first scene is good; nothing is encoded or drawn for it."""
+    save_scene(ball_of_gaussians(), tmp_path / "whole.ply")
+    (tmp_path / "cut.ply").write_bytes((tmp_path / "whole.ply").read_bytes()[:-1000])
+    (tmp_path / "notes.txt").write_text("no scene")
+    for iteration, names in ((1, ("point_cloud.ply", "checkpoint.pth")), (2, ("point_cloud.ply",))):
+        folder = tmp_path / "model" / "point_cloud" / f"iteration_{iteration}"
+        folder.mkdir(parents=True)
+        for name in names:
+            (folder / name).write_bytes(b"")
+    changed = {name: tmp_path / value if name != "kind" else value for name, value in change.items()}
+    bad = dataclasses.replace(study.scenes[0], name="other", **changed)
+    rows = (COMPLETE, Row("gnn", "gnn", PRESETS["paper"], "gnn:{weights}"))
+    steps = []
+    with pytest.raises(SplatwireError, match=message):
+        run_study(
+            dataclasses.replace(study, scenes=(study.scenes[0], bad), rows=rows), Store(tmp_path / "store"),
+            InProcess(), lambda *step: steps.append(step),
+        )  # fmt: skip
+    assert not steps
+
+
+def test_results_of_other_codecs_that_are_no_scenes_are_refused_before_the_work(study, tmp_path):
+    (tmp_path / "notes.txt").write_text("no scene")
+    row = Row("x", "x", None, lossless=True, decoded=(Decoded("made up", tmp_path / "notes.txt"),))
+    with pytest.raises(SplatwireError, match=r"notes\.txt"):
+        check_scenes(dataclasses.replace(study, rows=(COMPLETE, row)), Store(tmp_path / "store"))
+
+
+def test_a_row_whose_sections_cannot_be_kept_is_skipped_with_a_reason(study, tmp_path):
+    """A stream with tiers cannot be put into other packets with its sections."""
+    tiers = np.arange(180) % 2
+    stream = encode_scene(tiny_scene(seed=5, num_anchors=180), PRESETS["paper"], tiers=tiers)
+    write_stream(with_section(stream, "more", b"content"), tmp_path / "tiers.swz")
+    entry = dataclasses.replace(study.scenes[0], source=tmp_path / "tiers.swz")
+    rows = (COMPLETE, Row("more", "more", PRESETS["paper"], sections=("more",)))
+    result = run_study(
+        dataclasses.replace(study, scenes=(entry,), rows=rows), Store(tmp_path / "store"), InProcess(), silent
+    )
+    assert {record["row"] for record in result.merged()} == {"complete"}
+    assert "its sections cannot be kept in other packets" in " ".join(result.skipped)

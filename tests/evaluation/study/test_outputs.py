@@ -2,9 +2,11 @@
 
 import csv
 import dataclasses
+import html
 import io
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -20,7 +22,10 @@ from splatwire.evaluation.study import (
     write_outputs,
     write_size_outputs,
 )
+from splatwire.evaluation.study.charts import bytes_chart, rate_chart, seeds_chart, views_chart
+from splatwire.evaluation.study.curves import Curve
 from splatwire.evaluation.study.definition import Published
+from splatwire.evaluation.study.lead import percent_text
 from splatwire.evaluation.study.pictures import take_pictures
 from splatwire.evaluation.study.records import parquet
 from splatwire.evaluation.study.sizes import SceneSizes, native_attribute_files, native_parts, size_tables
@@ -123,6 +128,17 @@ def test_photo_and_render_references_have_separate_means(done):
     assert {summary.scene for summary in dataset_means(result, alike)} == {"mean of 5 scenes of made up"}
 
 
+def test_renders_of_another_scene_are_references_of_their_own_kind(done, tmp_path):
+    """Their figures include the error of the encoding, like those of photos and unlike those of own renders."""
+    references = done[1].scenes["made up"].references
+    kinds = []
+    for renders, reference in (("", None), ("", tmp_path), ("inputs/x", None), ("inputs/x", tmp_path)):
+        entry = dataclasses.replace(references.entry, reference=reference)
+        kinds.append(dataclasses.replace(references, renders=renders, entry=entry).kind)
+    assert kinds == ["photos", "photos", "renders", "reference scenes"]
+    assert references.size == (48, 36)
+
+
 def test_published_figures_are_listed_next_to_measured_ones(done):
     (table,) = result_tables(done[1], summarize(done[1]))
     column = table.columns.index("paper: Paper scenes")
@@ -160,6 +176,37 @@ def test_latex_and_markdown_escape_special_characters():
     assert r"\textbf{1 $\pm$ 2}" in table.latex()
     assert r"row\_1 & 10 \%" in table.latex()
     assert r"| **a\|b** | **1 ± 2** |" in table.markdown()
+    odd = Table("A\nB", ("row|1", "b\nc"), (("a", "b\r\nc"),))
+    assert odd.markdown().splitlines() == ["### A B", "", r"| row\|1 | b c |", "|---|---:|", "| a | b c |"]
+    assert odd.markdown().splitlines()[0] == "### A B"
+
+
+@pytest.mark.parametrize("name", [r"$\frac{$", "a$b$c", "_hidden", "50 % & <b>", "\N{CJK UNIFIED IDEOGRAPH-573A}"])
+def test_charts_show_names_as_they_are(done, name):
+    """Neither as a formula nor left out of the legend, and without warnings about the font."""
+    summaries = [
+        dataclasses.replace(summary, row=dataclasses.replace(summary.row, label=name, curve=name))
+        for summary in summarize(done[1])
+        if summary.row.key in ("drop", "idw")
+    ]
+    views = done[1].scenes["made up"].references.names
+    shown = html.escape(name, quote=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        charts = [
+            seeds_chart(summaries), views_chart(summaries, [name] * len(views)), bytes_chart({name: summaries[0]}),
+            rate_chart([Curve(name, "a", "", tuple(summaries))]),
+        ]  # fmt: skip
+    assert [shown in (chart or "") for chart in charts] == [True] * 4
+
+
+@pytest.mark.parametrize(
+    ("share", "text"),
+    [(0.0, "0 %"), (0.0004, "0.04 %"), (0.004, "0.4 %"), (0.0123, "1 %"), (0.2, "20 %"), (0.9951, "99.5 %"),
+     (0.99996, "over 99.9 %"), (1.0, "100 %")],
+)  # fmt: skip
+def test_shares_that_are_not_zero_are_not_shown_as_zero(share, text):
+    assert percent_text(share) == text
 
 
 def test_reported_sizes_equal_file_sizes(edited, tmp_path):

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from splatwire.evaluation.sequence.evaluation import SequenceScore
-from splatwire.evaluation.study.charts import PALETTE, STYLE, svg
+from splatwire.evaluation.study.charts import PALETTE, STYLE, plain_label, svg
 from splatwire.evaluation.study.page import filled_page
 from splatwire.types.sequence_scene import Timeline
 
@@ -112,7 +112,7 @@ def _chart(scores: Sequence[SequenceScore], labels: Sequence[str]) -> str:
     figure = Figure(figsize=(8.6, 3.6), layout="constrained")
     axes = figure.add_subplot()
     for number, (score, label) in enumerate(zip(scores, labels, strict=True)):
-        axes.plot(score.psnr, "-", color=PALETTE[number % len(PALETTE)], lw=1.4, label=label)
+        axes.plot(score.psnr, "-", color=PALETTE[number % len(PALETTE)], lw=1.4, label=plain_label(label))
     later = scores[0].later
     for begin in range(later, len(scores[0].psnr), later) if later else ():
         axes.axvline(begin - 0.5, color="#dfe4ea", lw=0.8, zorder=0)

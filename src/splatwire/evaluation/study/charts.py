@@ -1,6 +1,7 @@
 """Charts of a report as SVG."""
 
 import io
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -49,7 +50,7 @@ def seeds_chart(shown: Sequence[Summary]) -> str | None:
         axes.annotate(
             f"{estimate.mean:.2f}", (estimate.mean, i), (0, 7), textcoords="offset points", ha="center", size=8
         )
-    axes.set_yticks(range(len(rows)), [s.row.label for s in rows])
+    axes.set_yticks(range(len(rows)), [plain_label(s.row.label) for s in rows])
     axes.set_ylim(len(rows) - 0.4, -0.7)
     axes.set_xlabel("PSNR (dB): a dot per seed, mean, 95 % interval")
     axes.grid(axis="x", alpha=0.25)
@@ -75,9 +76,9 @@ def views_chart(shown: Sequence[Summary], views: Sequence[str]) -> str | None:
     axes = figure.add_subplot()
     for i, s in enumerate(rows):
         color, (low, high) = PALETTE[i % len(PALETTE)], s.view_range["psnr"]
-        axes.plot(s.by_view["psnr"], "o-", color=color, ms=3, lw=1.2, label=s.row.label)
+        axes.plot(s.by_view["psnr"], "o-", color=color, ms=3, lw=1.2, label=plain_label(s.row.label))
         axes.fill_between(range(len(low)), low, high, color=color, alpha=0.12, lw=0)
-    axes.set_xticks(range(len(views)), [name[-14:] for name in views], rotation=60, ha="right", fontsize=7)
+    axes.set_xticks(range(len(views)), [plain_label(name[-14:]) for name in views], rotation=60, ha="right", fontsize=7)
     axes.set_ylabel("PSNR (dB), mean over seeds")
     axes.grid(axis="y", alpha=0.25)
     _legend_above(axes)
@@ -111,7 +112,7 @@ def losses_chart(shown: Sequence[Summary], losses: Sequence[Loss]) -> str | None
                       if s.row.key == key and s.loss == loss and s.figures.get("psnr") is not None]  # fmt: skip
             means = [s.figures["psnr"].mean for _, s in points]  # type: ignore[union-attr]
             halves = [s.figures["psnr"].half_width or 0 for _, s in points]  # type: ignore[union-attr]
-            label = points[0][1].row.label if points else key
+            label = plain_label(points[0][1].row.label if points else key)
             axes.errorbar([p for p, _ in points], means, yerr=halves, fmt="o-", ms=3, lw=1.2, capsize=2,
                           color=PALETTE[i % len(PALETTE)], label=label)  # fmt: skip
         axes.set_xticks(ticks, labels, rotation=60 if len(own) > 5 else 0, fontsize=7)
@@ -142,7 +143,7 @@ def scale_chart(summaries: Sequence[Summary], loss: Loss) -> str | None:
         line = _by_size(own, key)
         axes.errorbar([s.num_anchors for s in line], [s.delta["psnr"].mean for s in line],  # type: ignore[union-attr]
                       yerr=[s.delta["psnr"].half_width or 0 for s in line], fmt="o-", ms=4, lw=1.2, capsize=2,  # type: ignore[union-attr]
-                      color=PALETTE[i % len(PALETTE)], label=line[0].row.label)  # fmt: skip
+                      color=PALETTE[i % len(PALETTE)], label=plain_label(line[0].row.label))  # fmt: skip
     axes.axhline(0, color="#888", lw=0.8)
     axes.set_xscale("log")
     axes.set_xlabel(f"{common_word(s.elements for s in own)} of the scene")
@@ -169,7 +170,7 @@ def rate_chart(panel: Sequence[Curve]) -> str | None:
     axes = figure.add_subplot()
     for i, (name, points) in enumerate(lines):
         sizes, values = [p.num_bytes / 1e6 for p in points], [p.quality for p in points]
-        axes.plot(sizes, values, "o-", color=PALETTE[i % len(PALETTE)], ms=4, lw=1.2, label=name)
+        axes.plot(sizes, values, "o-", color=PALETTE[i % len(PALETTE)], ms=4, lw=1.2, label=plain_label(name))
     axes.set_xscale("log")
     axes.set_xlabel("size (MB, 10⁶ bytes)")
     axes.set_ylabel("PSNR (dB)")
@@ -195,7 +196,8 @@ def bytes_chart(streams: Mapping[str, Summary]) -> str:
     for i, part in enumerate(parts):
         widths = [summary.parts.get(part, 0) / 1e6 for summary in streams.values()]
         color = PALETTE[i % len(PALETTE)]
-        axes.barh(list(streams), widths, left=left, color=color, height=0.6, label=part.replace("_", " "))
+        names, label = [plain_label(name) for name in streams], plain_label(part.replace("_", " "))
+        axes.barh(names, widths, left=left, color=color, height=0.6, label=label)
         left = [a + b for a, b in zip(left, widths, strict=True)]
     axes.invert_yaxis()
     axes.set_xlabel("size (MB, 10⁶ bytes)")
@@ -217,7 +219,8 @@ def _axis_positions(losses: Sequence[Loss]) -> tuple[list[float], list[str]]:
     if all(isinstance(model, Bernoulli) for model in models):
         rates = [100 * float(model.rate) for model in models if isinstance(model, Bernoulli)]
         return rates, [f"{rate:g} %" for rate in rates]
-    return [float(i) for i in range(len(losses))], [_short(m, loss) for m, loss in zip(models, losses, strict=True)]
+    labels = [plain_label(_short(m, loss)) for m, loss in zip(models, losses, strict=True)]
+    return [float(i) for i in range(len(losses))], labels
 
 
 def _short(model: Any, loss: Loss) -> str:
@@ -225,6 +228,11 @@ def _short(model: Any, loss: Loss) -> str:
         f"{100 * model.rate:g} %, bursts of {model.mean_burst:g}" if isinstance(model, GilbertElliott) else loss.model
     )
     return name if loss.send_order == "interleaved" else f"{name}, {loss.send_order}"
+
+
+def plain_label(text: str) -> str:
+    """Converts a name to a label that matplotlib shows as it is: dollars start no formula, `_` hides no legend."""
+    return f" {text}".replace("$", r"\$") if text.startswith("_") else text.replace("$", r"\$")
 
 
 def _legend_above(axes: Any) -> None:
@@ -235,6 +243,9 @@ def svg(figure: Figure) -> str:
     """Renders a figure as SVG text."""
     # Equal figures give equal text.
     buffer = io.StringIO()
-    FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+    with warnings.catch_warnings():
+        # texts are stored as texts, and the browser has glyphs that the font of matplotlib lacks
+        warnings.filterwarnings("ignore", "Glyph .* missing from")
+        FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]

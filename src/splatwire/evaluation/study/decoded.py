@@ -7,13 +7,14 @@ import numpy as np
 from jaxtyping import Float
 
 from splatwire.anchors.appearance import scene_of
-from splatwire.data.photos import load_photo
+from splatwire.data.photos import load_photo, photo_size
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.evaluation.study.definition import Row, SceneEntry
+from splatwire.evaluation.study.definition import Decoded, Row, SceneEntry
 from splatwire.evaluation.study.prepared_stream import PreparedStream, file_bytes
 from splatwire.evaluation.study.references import References, digest_of_files
 from splatwire.files.names import real_path
 from splatwire.io import read_any_scene
+from splatwire.io.opening import check_scene_kind
 
 PICTURES = "pictures"
 """Name of the elements of a result that consists of pictures."""
@@ -34,22 +35,44 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
     Raises:
         SplatwireError: If the result cannot be read, or has no picture for a view.
     """
-    decoded_file = next((decoded for decoded in row.decoded if decoded.scene == entry.name), None)
-    if decoded_file is None:
+    if (decoded_file := check_decoded(row, entry)) is None:
         return None
     if references.frames:
         raise InvalidValueError(f"row '{row.key}': '{entry.name}' is a sequence, and results are for still scenes")
     path, digest = real_path(decoded_file.source), digest_of_files(decoded_file.source)
     if path.is_dir() and has_pictures(path):
-        if decoded_file.num_bytes is None:
-            raise InvalidValueError(f"row '{row.key}': pictures need 'num_bytes', the bytes that the codec sends")
-        picture_paths(path, references)
+        assert decoded_file.num_bytes is not None
+        for file in picture_paths(path, references):
+            _check_size(file, photo_size(file), references.size)
         return PreparedStream(str(path), digest, {row.label: decoded_file.num_bytes}, 0, 0, elements=PICTURES)
     scene = scene_of(read_any_scene(path).loaded)
     size = file_bytes(path) if decoded_file.num_bytes is None else decoded_file.num_bytes
     return PreparedStream(
         str(path), digest, {row.label: size}, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS
     )
+
+
+def check_decoded(row: Row, entry: SceneEntry) -> Decoded | None:
+    """Checks the kind of a result of another codec, and returns its definition.
+
+    Args:
+        row: The table row of the other codec.
+        entry: The scene.
+
+    Returns:
+        The definition; None if there is no result for the scene.
+
+    Raises:
+        SplatwireError: If the result is neither a scene nor pictures, or the number of bytes of pictures is not given.
+    """
+    decoded_file = next((decoded for decoded in row.decoded if decoded.scene == entry.name), None)
+    if decoded_file is None:
+        return None
+    if not (decoded_file.source.is_dir() and has_pictures(decoded_file.source)):
+        check_scene_kind(decoded_file.source)
+    elif decoded_file.num_bytes is None:
+        raise InvalidValueError(f"row '{row.key}': pictures need 'num_bytes', the bytes that the codec sends")
+    return decoded_file
 
 
 def has_pictures(folder: Path) -> bool:
@@ -99,10 +122,15 @@ def read_pictures(paths: Sequence[Path], height: int, width: int) -> Iterator[Fl
     """
     for path in paths:
         pixels = load_photo(path)
-        if pixels.shape[:2] != (height, width):
-            size = f"{pixels.shape[1]} x {pixels.shape[0]}"
-            raise DatasetError(f"{path} has {size} pixels, and the views have {width} x {height}")
+        _check_size(path, pixels.shape[1::-1], (width, height))
         yield pixels
+
+
+def _check_size(path: Path, size: tuple[int, ...], expected: tuple[int, int]) -> None:
+    """Checks the width and height of a picture in pixels."""
+    if tuple(size) != expected:
+        width, height = expected
+        raise DatasetError(f"{path} has {size[0]} x {size[1]} pixels, and the views have {width} x {height}")
 
 
 def _files(folder: Path) -> list[Path]:

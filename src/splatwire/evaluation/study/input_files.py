@@ -1,4 +1,4 @@
-"""Streams and scene files of an evaluation, which each process reads once."""
+"""Streams, scene files and model folders of an evaluation, which each process reads once."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -9,22 +9,25 @@ from typing import TypeVar
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.files.names import real_path
 from splatwire.io import LoadedScene, read_any_scene
+from splatwire.io.importing import import_model
+from splatwire.types import AnchorScene
 
 _STREAMS, _SCENES = 4, 1
-"""Maximum number of streams and of scene files that are kept in memory."""
+"""Maximum number of streams, and of scene files or models, that are kept in memory."""
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
 class InputFiles:
-    """Reader of streams and scene files that keeps the most recently used ones in memory.
+    """Reader of streams, scene files and model folders that keeps the most recently used ones in memory.
 
     The files must not change.
     """
 
     _streams: "OrderedDict[Path, SceneStream]" = field(default_factory=OrderedDict, repr=False)
     _scenes: "OrderedDict[Path, LoadedScene]" = field(default_factory=OrderedDict, repr=False)
+    _models: "OrderedDict[Path, AnchorScene]" = field(default_factory=OrderedDict, repr=False)
 
     def stream(self, path: Path) -> SceneStream:
         """Reads a stream."""
@@ -33,6 +36,10 @@ class InputFiles:
     def loaded_scene(self, path: Path) -> LoadedScene:
         """Reads a scene file or a file of explicit Gaussians."""
         return keep(self._scenes, real_path(path), _SCENES, lambda: read_any_scene(path))
+
+    def model(self, folder: Path) -> AnchorScene:
+        """Reads a model folder of HAC++."""
+        return keep(self._models, real_path(folder), _SCENES, lambda: import_model("hacpp", folder))
 
 
 def keep(cache: "OrderedDict[Key, Value]", key: Key, max_values: int, make: Callable[[], Value]) -> Value:

@@ -27,7 +27,7 @@ from splatwire.concealment.temporal.concealers import temporal_concealer_names
 from splatwire.data import save_cameras
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.evaluation.extent import SceneExtent
-from splatwire.evaluation.study.decoded import prepare_decoded
+from splatwire.evaluation.study.decoded import check_decoded, prepare_decoded
 from splatwire.evaluation.study.definition import PASSTHROUGH, WEIGHTS, Loss, Row, SceneEntry, Study, canonical
 from splatwire.evaluation.study.input_files import InputFiles
 from splatwire.evaluation.study.masks import anchor_bytes
@@ -44,12 +44,10 @@ from splatwire.evaluation.study.references import (
 )
 from splatwire.evaluation.study.sequences import frame_cameras
 from splatwire.evaluation.study.store import Store, read_json
-from splatwire.files.kinds import UNKNOWN, file_kind
 from splatwire.files.names import real_path
 from splatwire.io import drawable_scene
 from splatwire.io.formats import find_format
-from splatwire.io.importing import import_model
-from splatwire.io.opening import complete_scene, decode_complete
+from splatwire.io.opening import check_scene_kind, complete_scene, decode_complete
 from splatwire.render.importance import surrounding_cameras
 from splatwire.render.precision import scene_class_offsets
 from splatwire.types import Anchors
@@ -75,6 +73,7 @@ class PreparedScene:
             (`Row.key`). The inner key is the name of the part, such as an attribute.
         masks: Loss masks, by name of the stream, loss and seed.
         sections: Names of the additional side information in the scene's streams.
+        keeps_sections: True if the sections can be kept when the scene is put into other packets.
         schema_name: Name of the schema; empty if nothing is sent.
     """
 
@@ -84,6 +83,7 @@ class PreparedScene:
     parts: Mapping[str, Mapping[str, int]]
     masks: Mapping[tuple[str, Loss, int], PacketLossMask]
     sections: tuple[str, ...]
+    keeps_sections: bool
     schema_name: str
 
     def why_unsupported(self, row: Row) -> str:
@@ -93,6 +93,8 @@ class PreparedScene:
         absent = [name for name in row.sections if name not in self.sections]
         if absent:
             return f"it has no section '{absent[0]}' (splatwire calibrate adds it)"
+        if row.sections and not self.keeps_sections and not self.references.frames:
+            return "its sections cannot be kept in other packets (encode without --tiers, and with this release)"
         if row.decoded and row.variant not in self.streams:
             return "no result of this codec is given"
         if row.variant not in self.streams:
@@ -158,7 +160,7 @@ class Source:
             path = self.entry.sections or self.entry.source
             return decode_complete(self.files.stream(path), path)
         if self.entry.kind == "model":
-            return import_model("hacpp", self.entry.source)
+            return self.files.model(self.entry.source)
         return complete_scene(self.files.loaded_scene(self.entry.source), self.entry.source)
 
     @property
@@ -185,38 +187,70 @@ class Source:
         """Returns True if the scene can be encoded with the packetization."""
         return packetization.universal or SCHEMAS[self.schema_name].separable
 
+    @property
+    def keeps_sections(self) -> bool:
+        """True if the sections of the stream can be kept when the scene is put into other packets."""
+        return self.stream is not None and not self.stream.manifest.tiers and can_repack(self.stream)
+
     def can_pack(self, row: Row) -> bool:
         """Returns True if a method puts the scene into other packets, and the scene has all that this needs."""
         if row.decoded or row.packetization is None or self.timed:
             return False
-        return set(row.sections) <= set(self.sections) and self.can_encode(row.packetization)
+        has_sections = not row.sections or (set(row.sections) <= set(self.sections) and self.keeps_sections)
+        return has_sections and self.can_encode(row.packetization)
 
 
 def check_scenes(study: Study, store: Store, *, views: bool = True) -> None:
-    """Checks streams and views of all scenes, so that one that cannot be used is an error before the work begins.
+    """Checks the files of all scenes, so that one that cannot be used is an error before the work begins.
 
     Args:
         study: The evaluation.
         store: Store, which keeps the streams in memory.
-        views: True to check photos and cameras, too; False for a comparison of sizes, which draws nothing.
+        views: True to check photos, cameras, references and network weights, too; False for a comparison of sizes,
+            which draws nothing.
 
     Raises:
-        SplatwireError: If a stream, cameras file or dataset cannot be read; if a stream is a sequence and the scene has
-            no reference; or if packets are missing and a method puts the scene into other packets.
+        SplatwireError: If a stream, scene file, model folder, cameras file, dataset or weights file cannot be read; if
+            a reference or the result of another codec is not a scene; if a stream is a sequence and the scene has no
+            reference; or if parts are missing and a method puts the scene into other packets.
     """
     for entry in study.scenes:
         source = Source(entry, store.files)
-        if entry.kind == "stream" or entry.sections is not None:
-            stream = source.stream
-            assert stream is not None
+        if (stream := source.stream) is not None:
             num_missing = stream.manifest.num_packets - len(stream.packets)
             if num_missing and any(source.can_pack(row) for row in study.rows):
                 raise InvalidValueError(
                     f"{entry.sections or entry.source}: {num_missing} of {stream.manifest.num_packets} packets are "
                     f"missing, and rows put the scene '{entry.name}' into other packets: only a complete stream can be"
                 )
-        if views and not source.timed:
-            check_views(entry)
+        elif entry.kind == "model":
+            store.files.model(entry.source)
+        else:
+            store.files.loaded_scene(entry.source)
+            any(source.can_pack(row) for row in study.rows)  # refuses a file with losses that a row would pack
+        if views:
+            _check_comparison(study, source)
+
+
+def _check_comparison(study: Study, source: Source) -> None:
+    """Checks the files with which a scene is compared, the results of other codecs, and the weights of concealers.
+
+    Raises:
+        SplatwireError: If one of them cannot be read, or is no scene.
+    """
+    entry = source.entry
+    if not source.timed:
+        check_views(entry)
+        if entry.reference is not None:
+            check_scene_kind(entry.reference)
+    elif len(study.scenes) > 1:  # a single sequence is checked at the beginning of the work
+        assert source.stream is not None
+        assert entry.reference is not None
+        frame_cameras(source.stream, entry.reference, entry.cameras)
+    for row in study.rows:
+        check_decoded(row, entry)
+        if row.needs_weights and entry.weights is not None:
+            create_concealer(row.conceal.replace(WEIGHTS, str(entry.weights)), **row.options)
 
 
 def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progress) -> PreparedScene:
@@ -235,10 +269,6 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
     """
     source = Source(entry, store.files)
     streams = prepare_streams(study, source, store, progress)
-    if entry.weights is not None:
-        for row in study.rows:
-            if row.needs_weights:
-                create_concealer(row.conceal.replace(WEIGHTS, str(entry.weights)), **row.options)
     variant, first = next(iter(streams.items()))
 
     @functools.cache
@@ -249,8 +279,6 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
             return source.scene
         return decode_complete(store.files.stream(store.root / first.path), store.root / first.path)
 
-    if entry.reference is not None and not source.timed and file_kind(entry.reference) == UNKNOWN:
-        drawn()  # refuses a file that is no scene before gigabytes are hashed
     stamp = first.digest if entry.reference is None else digest_of_files(entry.reference)
     if entry.reference is not None and not source.timed and entry.kind != "model":
         _warn_of_another_scene(source, drawn, digest_of(first.digest, stamp, CODE), store)
@@ -267,6 +295,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
         parts={row.key: _parts(row, source, streams[row.variant]) for row in study.rows if row.variant in streams},
         masks=dict(_draw_masks(study, streams, store)),
         sections=tuple(source.sections),
+        keeps_sections=source.keeps_sections,
         schema_name=source.schema_name if any(stream.num_packets for stream in streams.values()) else "",
     )
 
@@ -425,11 +454,9 @@ def _prepare_stream(row: Row, source: Source, store: Store, folder: str, progres
     if (stored := stored_stream(store, path, about)) is not None:
         return stored
     label = f"{source.entry.name}: encoding {row.variant}"
-    if (whole := source.stream) is not None and not whole.manifest.tiers and can_repack(whole):
+    if (whole := source.stream) is not None and source.keeps_sections:
         started = time.perf_counter()
         stream = _repacked(whole, row, lambda share: progress(label, share))
-    elif row.sections:
-        raise InvalidValueError(f"row '{row.key}' needs sections of a stream without tiers: encode without --tiers")
     else:
         scene = source.scene
         started = time.perf_counter()

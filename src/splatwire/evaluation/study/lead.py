@@ -142,7 +142,7 @@ def _summary_sentence(summaries: dict[str, Summary], rows: ComparedRows | None, 
     if not shown or any(figure is None for figure in figures):
         return None
     means = [figure.mean for figure in figures if figure is not None]
-    lost = f"With {100 * shown[0].lost_packets:.0f} % of the packets lost"
+    lost = f"With {percent_text(shown[0].lost_packets)} of the packets lost"
     if rows is None:
         return f"{lost}, pictures are at {means[0]:.1f} dB ({shown[0].row.label}; PSNR against {source})."
     more = shown[1].num_bytes / shown[0].num_bytes - 1
@@ -151,6 +151,14 @@ def _summary_sentence(summaries: dict[str, Summary], rows: ComparedRows | None, 
         f"{lost}, pictures are at {means[0]:.1f} dB if the gaps stay ({shown[0].row.label}) and at {means[1]:.1f} dB "
         f"with concealment ({shown[1].row.label}){cost}. PSNR is against {source}; higher is better."
     )
+
+
+def percent_text(share: float) -> str:
+    """Formats a share in percent, with decimals if it is close to 0 % or 100 %."""
+    percent = 100 * share
+    if 1 <= percent <= 99 or percent in (0, 100):
+        return f"{percent:.0f} %"
+    return f"{percent:.2g} %" if percent < 1 else f"{percent:.1f} %" if percent <= 99.9 else "over 99.9 %"
 
 
 def _compared_images(view: ViewPictures, rows: ComparedRows | None) -> tuple[Side | None, Side | None]:

@@ -46,6 +46,7 @@ class References:
         frames: True if each view is a frame of a sequence.
         names: Names of the evaluated views.
         num_views: Number of views of the scene, including those that are not evaluated.
+        size: Width and height of the views in pixels.
     """
 
     entry: SceneEntry
@@ -58,6 +59,12 @@ class References:
     frames: bool = False
     names: tuple[str, ...] = ()
     num_views: int = 0
+    size: tuple[int, int] = (0, 0)
+
+    @property
+    def kind(self) -> str:
+        """Kind of the references: `photos`, `reference scenes` or `renders` of the scene itself."""
+        return "photos" if not self.renders else "renders" if self.entry.reference is None else "reference scenes"
 
     def open(self, root: Path) -> ReferenceViews:
         """Opens the reference images, which are loaded on demand.
@@ -128,7 +135,17 @@ def prepare_references(
 
         digest = _render_missing(entry.name, cameras, background, pictures, store, folder, progress)
     return References(
-        entry, tuple(chosen), background, folder, source, masked, digest, frames, cameras.names, num_views
+        entry,
+        tuple(chosen),
+        background,
+        folder,
+        source,
+        masked,
+        digest,
+        frames,
+        cameras.names,
+        num_views,
+        (cameras.width, cameras.height),
     )
 
 

@@ -74,7 +74,7 @@ class Summary:
         lost_anchors: Share of elements with a lost attribute, mean over seeds.
         lost_datagrams: Share of lost datagrams, mean over seeds; None without loss.
         seconds: Time of each processing step in seconds, mean over seeds, all views together.
-        references: Kind of references, `photos` or `renders`.
+        references: Kind of references, `photos`, `reference scenes` or `renders` of the scene itself.
     """
 
     scene: str
@@ -155,16 +155,17 @@ def _summary(
         lost_anchors=_share(runs, "num_lost_anchors", "num_anchors") or 0.0,
         lost_datagrams=_share(runs, "num_lost_datagrams", "num_datagrams"),
         seconds=encoded | _seconds(runs),
-        references="renders" if prepared.references.renders else "photos",
+        references=prepared.references.kind,
     )
 
 
 def dataset_means(result: StudyResult, summaries: Sequence[Summary]) -> list[Summary]:
     """Computes the mean results of each dataset with several scenes; all scenes of a dataset have equal weight.
 
-    Scenes with photos and scenes with renders as references have separate means.
+    Scenes with photos, with reference scenes and with their own renders as references have separate means.
     """
-    # A comparison with photos also measures the model's own error; one with renders only the effect of losses.
+    # A comparison with photos also measures the model's own error, and one with a reference scene that of the encoding.
+    # One with renders of the scene itself measures only the effect of losses.
     means = []
     for name in dict.fromkeys(s.dataset for s in summaries):
         own = [s for s in summaries if s.dataset == name]

@@ -35,11 +35,11 @@ class Table:
 
     def markdown(self) -> str:
         """Formats the table as Markdown."""
-        lines = [f"### {self.title}", "", "| " + " | ".join(self.columns) + " |"]
+        lines = [f"### {_markdown_line(self.title)}", "", _markdown_row(self.columns)]
         lines.append("|" + "|".join(["---", *["---:"] * (len(self.columns) - 1)]) + "|")
         for index, row in enumerate(self.rows):
             cells = [f"**{cell}**" if index == self.best and i <= 1 else cell for i, cell in enumerate(row)]
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+            lines.append(_markdown_row(cells))
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
@@ -300,6 +300,15 @@ def to_csv(lines: Sequence[Mapping[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(lines)
     return buffer.getvalue()
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(_markdown_line(cell).replace("|", "\\|") for cell in cells) + " |"
+
+
+def _markdown_line(text: str) -> str:
+    """Replaces line breaks by spaces, because they would end a heading or a row."""
+    return " ".join(text.splitlines())
 
 
 _TEX = {"&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}", "±": r"$\pm$",
