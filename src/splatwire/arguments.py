@@ -7,7 +7,8 @@ that names it.
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -141,11 +142,17 @@ def _check(rule: Rule, value: Any, name: str, owner: str = "") -> Any:
 
 
 def _shown_with_items(value: Any) -> str:
-    """Describes a wrong argument for a message; for a list or a tuple, with the types of its items."""
-    if not isinstance(value, list | tuple) or not value:
+    """Describes a wrong argument for a message; for a list, tuple or dictionary, with the types of its items."""
+    if not isinstance(value, list | tuple | dict) or not value:
         return shown(value)
-    kinds = list(dict.fromkeys(type(item).__name__ for item in value[:_NUM_ITEMS]))
-    return f"{shown(value)} of {', '.join(kinds[:3])}"
+    text = f"{shown(value)} of {_type_names(value.values() if isinstance(value, dict) else value)}"
+    return f"{text} by {_type_names(value)}" if isinstance(value, dict) else text
+
+
+def _type_names(values: Iterable[Any]) -> str:
+    """Returns the names of up to three types of items."""
+    names = (type(value).__name__ for value in itertools.islice(values, _NUM_ITEMS))
+    return ", ".join(list(dict.fromkeys(names))[:3])
 
 
 def array_of(

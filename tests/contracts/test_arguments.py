@@ -83,6 +83,8 @@ def test_messages_about_lists_name_the_types_of_their_items():
         call(items=[1, "two", 3])
     with pytest.raises(InvalidValueError, match=r"^pair: expected .*, not tuple of str$"):
         call(pair=("a",))
+    with pytest.raises(InvalidValueError, match=r"^table: expected a dictionary of .*, not dict of str by int$"):
+        call(table={1: "a"})
 
 
 def test_positional_arguments_are_checked():

@@ -373,3 +373,17 @@ def test_a_missing_resource_is_not_taken_for_an_unknown_host(monkeypatch: pytest
     with pytest.raises(OSError, match="Too many open files") as caught:
         asyncio.run(resolve(Address("127.0.0.1", 1)))
     assert caught.value.errno == errno.EMFILE
+
+
+@pytest.mark.parametrize("port", [-1, 70_000, 10**9])
+def test_ports_out_of_range_are_refused(port: int) -> None:
+    """Resolvers take port 70000 for 4464."""
+
+    async def open_page() -> None:
+        async with PageServer(PageContent({}), port):
+            pass
+
+    with pytest.raises(InvalidValueError, match="a port is a number from 0 to 65535, "):
+        bound_socket("127.0.0.1", port)
+    with pytest.raises(InvalidValueError, match="a port is a number from 0 to 65535, "):
+        run(open_page())

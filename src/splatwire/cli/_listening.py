@@ -17,6 +17,7 @@ from splatwire.cli._output import print_json
 from splatwire.errors import InvalidValueError
 from splatwire.transport import ServedStream, ServerLimits
 from splatwire.transport.access import Access
+from splatwire.transport.address import check_port
 from splatwire.transport.http.origins import parse_origin
 from splatwire.transport.http.proxies import parse_networks
 from splatwire.transport.quic.installed import need_aioquic
@@ -85,16 +86,6 @@ def print_ready(listening: Listening, port: int, facts: "Mapping[str, str]", con
         for name, value in facts.items():
             print(f"{name}: {value}")
     sys.stdout.flush()
-
-
-def check_port(port: int) -> None:
-    """Raises an error for an invalid port number.
-
-    Raises:
-        InvalidValueError: If the number is not a valid port.
-    """
-    if not 0 <= port < 1 << 16:
-        raise InvalidValueError(f"a port is a number from 0 to 65535, {port} is not")
 
 
 async def open_server(

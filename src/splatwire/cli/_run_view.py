@@ -13,7 +13,7 @@ from splatwire.bitstream.sections import sections_of
 from splatwire.cli._background import start_thread
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, stream_name
-from splatwire.cli._listening import check_port, stop_on_signals
+from splatwire.cli._listening import stop_on_signals
 from splatwire.cli._output import print_json, print_summary
 from splatwire.cli._receiving import print_waiting, transfer_of
 from splatwire.cli.view import View
@@ -23,7 +23,7 @@ from splatwire.data import load_cameras
 from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.files.kinds import format_error
 from splatwire.transport import Event, Receiver, ReceiverOptions, ServedStream
-from splatwire.transport.address import parse_url, without_token
+from splatwire.transport.address import check_port, parse_url, without_token
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.types import Cameras

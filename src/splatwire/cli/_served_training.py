@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from splatwire.api.training import STREAM_NAME, TrainingServer, serve_training
-from splatwire.cli._listening import check_port
 from splatwire.cli.train import Train
 from splatwire.errors import InvalidValueError, SplatwireError
+from splatwire.transport.address import check_port
 from splatwire.types import SplatScene
 from splatwire.types.background import Background
 from splatwire.types.origin import Origin

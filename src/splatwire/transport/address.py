@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from urllib.parse import parse_qsl, urlsplit
 
-from splatwire.errors import InvalidValueError
+from splatwire.errors import InvalidValueError, shown
 
 DEFAULT_PORT = 4840
 PORTS = {"udp": DEFAULT_PORT, "quic": DEFAULT_PORT, "moq": 443}
@@ -26,6 +26,17 @@ class Address:
     name: str = ""
     scheme: str = "udp"
     token: str = field(default="", repr=False)
+
+
+def check_port(port: int) -> None:
+    """Checks the number of a port to listen on.
+
+    Raises:
+        InvalidValueError: If the number is not from 0 to 65535.
+    """
+    # Resolvers take larger numbers modulo 65536.
+    if not 0 <= port < 1 << 16:
+        raise InvalidValueError(f"a port is a number from 0 to 65535, {shown(port)} is not")
 
 
 def cannot_listen(kind: str, host: str, port: int, error: OSError | UnicodeError) -> InvalidValueError:

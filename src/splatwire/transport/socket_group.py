@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
-from splatwire.transport.address import cannot_listen
+from splatwire.transport.address import cannot_listen, check_port
 from splatwire.transport.protocol.wire import HELLO, REQUEST, VERSION
 
 LOG = logging.getLogger(__name__)
@@ -253,6 +253,7 @@ def bound_socket(host: str, port: int) -> socket.socket:
     Raises:
         InvalidValueError: If the address cannot be bound.
     """
+    check_port(port)
     try:
         addresses = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM, flags=socket.AI_PASSIVE)
         family, kind, protocol, _, target = addresses[0]

@@ -11,7 +11,7 @@ from types import TracebackType
 from typing import Protocol, runtime_checkable
 
 from splatwire.errors import BitstreamError
-from splatwire.transport.address import cannot_listen
+from splatwire.transport.address import cannot_listen, check_port
 from splatwire.transport.congestion.pacing import Pacer
 from splatwire.transport.event_log import log_event
 from splatwire.transport.http.messages import GrowingFile, Response, make_response, read_request
@@ -107,7 +107,7 @@ class PageServer:
         bytes_sent: Number of response bytes sent.
 
     Raises:
-        InvalidValueError: If the port is in use.
+        InvalidValueError: If the port is in use, or not from 0 to 65535.
     """
 
     def __init__(
@@ -128,6 +128,7 @@ class PageServer:
 
     async def __aenter__(self) -> "PageServer":
         host = self.content.host
+        check_port(self._wanted)
         try:
             self._server = await asyncio.start_server(self._begin, host, self._wanted, limit=MAX_HEAD_BYTES)
         except OSError as error:
