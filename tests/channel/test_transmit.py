@@ -138,3 +138,23 @@ def test_invalid_arguments_are_refused(stream):
         transmit(stream, NoLoss(), seed=0, send_order="random")
     with pytest.raises(InvalidValueError, match="seed"):
         transmit(stream, NoLoss(), seed=-1)
+
+
+@pytest.mark.parametrize("unit", ["pak", "datagram"])
+@pytest.mark.parametrize(
+    "mask", [lambda n: np.ones(1, np.bool_), lambda n: np.ones(n, np.int64), lambda n: np.ones(n + 1, np.bool_)]
+)
+def test_masks_of_loss_models_that_do_not_fit_are_refused(stream, mask, unit):
+    """One boolean would count for all packets, and integers would give negative numbers of losses."""
+
+    class Odd:
+        name = "odd"
+
+        def __init__(self) -> None:
+            self.unit = unit
+
+        def received(self, n: int, rng: np.random.Generator) -> np.ndarray:
+            return mask(n)
+
+    with pytest.raises(InvalidValueError, match=r"loss model 'odd' returned .*, not \d+ booleans"):
+        transmit(stream, Odd())

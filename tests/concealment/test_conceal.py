@@ -1,10 +1,12 @@
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
 
 from close import assert_close
 from concealment.gaps import changed, permuted, random_context
+from explicit import ball_of_gaussians
 from random_numbers import Numbers
 from splatwire.concealment import Concealed, conceal, concealer_names, create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
@@ -104,7 +106,15 @@ def test_bad_proposals_are_refused() -> None:
             proposal = Concealed.filled(context.scene.anchors)
             return dataclasses.replace(proposal, opacity_gain=-proposal.size_gain)
 
-    for concealer in (Short(), Explodes(), Negative()):
+    class OtherElements(MisbehavingConcealer):
+        def __call__(self, context: ReceivedScene) -> Concealed:
+            return dataclasses.replace(Concealed.filled(context.scene.anchors), elements=ball_of_gaussians())
+
+    class Nothing(MisbehavingConcealer):
+        def __call__(self, context: ReceivedScene) -> Any:
+            return None
+
+    for concealer in (Short(), Explodes(), Negative(), OtherElements(), Nothing()):
         with pytest.raises(InvalidValueError, match="concealer 'vandal' returned"):
             conceal(context, concealer)
 

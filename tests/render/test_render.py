@@ -1,4 +1,5 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ import pytest
 from explicit import ball_of_gaussians
 from scenes import tiny_cameras, tiny_scene
 from splatwire.anchors.compiled_heads import drawn_gaussians
-from splatwire.errors import UnknownNameError
+from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.render import create_renderer, iterate_views, render, render_scene
 from splatwire.types import RenderHints, SplatScene
 
@@ -52,6 +53,26 @@ def test_render_hints_change_the_picture() -> None:
 def test_an_unknown_renderer_is_refused_before_anything_is_drawn() -> None:
     with pytest.raises(UnknownNameError):
         iterate_views(tiny_scene(num_anchors=5), tiny_cameras(1), renderer="opengl")
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [
+        (None, "expected an array"),
+        (np.zeros((1, 3, 3, 3), np.float32), r"not float32 \(1, 3, 3, 3\)"),
+        (np.zeros((1, 32, 48, 3), np.uint8), "expected RGB from 0 to 1, not uint8"),
+    ],
+)
+def test_results_of_renderers_that_are_no_pictures_are_refused(result: Any, message: str) -> None:
+    views = iterate_views(ball_of_gaussians(), tiny_cameras(1, 48, 32), renderer=lambda *given, **named: result)
+    with pytest.raises(InvalidValueError, match=f"the result of the renderer: .*{message}"):
+        next(views)
+
+
+def test_a_renderer_may_return_an_array_that_cannot_be_changed() -> None:
+    grey = np.broadcast_to(np.float64(0.5), (1, 32, 48, 3))
+    (image,) = iterate_views(ball_of_gaussians(), tiny_cameras(1, 48, 32), renderer=lambda *given, **named: grey)
+    assert np.array_equal(image, np.full((32, 48, 3), 0.5, np.float32))
 
 
 def test_gaussians_that_cannot_be_drawn_are_left_out_with_a_warning(caplog: pytest.LogCaptureFixture) -> None:

@@ -52,6 +52,27 @@ class LossModel(Protocol):
         """
 
 
+def draw_checked(model: LossModel, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws which of n packets (or datagrams) are received, and checks the mask that the loss model returns.
+
+    Args:
+        model: The loss model.
+        n: Number of packets or datagrams sent.
+        rng: Random generator.
+
+    Returns:
+        True for each received packet or datagram, in sending order, bool, shape (n,).
+
+    Raises:
+        InvalidValueError: If the model does not return n booleans.
+    """
+    mask = np.asarray(model.received(n, rng))
+    if mask.shape != (n,) or mask.dtype != np.bool_:
+        result = f"{mask.dtype} of shape {mask.shape}, not {n} booleans"
+        raise InvalidValueError(f"loss model '{model.name}' returned {result}")
+    return mask
+
+
 @dataclass(frozen=True)
 class NoLoss(CheckedFields):
     """Loss model of a channel without loss."""

@@ -114,8 +114,4 @@ class CheckedLoss:
         Raises:
             InvalidValueError: If the wrapped model does not return n booleans.
         """
-        mask = np.asarray(self.model.received(n, rng))
-        if mask.shape != (n,) or mask.dtype != np.bool_:
-            result = f"{mask.dtype} of shape {mask.shape}, not {n} booleans"
-            raise InvalidValueError(f"loss model '{self.name}' returned {result}")
-        return mask
+        return draw_checked(self.model, n, rng)

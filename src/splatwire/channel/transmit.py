@@ -10,7 +10,7 @@ import numpy as np
 from splatwire.arguments import CheckedFields, checked, checked_except
 from splatwire.bitstream import Packet, SceneStream, send_sequence
 from splatwire.bitstream.packetization import DATAGRAM_BYTES
-from splatwire.channel.loss_models import LossModel
+from splatwire.channel.loss_models import LossModel, draw_checked
 from splatwire.channel.loss_text import parse_loss
 from splatwire.errors import InvalidValueError, check_kind, shown, whole_number
 from splatwire.reprs import summary_repr
@@ -232,9 +232,9 @@ def draw_in_order(num_datagrams: np.ndarray, loss: LossModel, seed: int) -> tupl
     """
     rng = np.random.Generator(np.random.PCG64(seed))
     if loss.unit == "pak" or not len(num_datagrams):
-        received = loss.received(len(num_datagrams), rng)
+        received = draw_checked(loss, len(num_datagrams), rng)
         return received, int((~received).sum())
-    arrived = loss.received(int(num_datagrams.sum()), rng)
+    arrived = draw_checked(loss, int(num_datagrams.sum()), rng)
     starts = np.cumsum(num_datagrams) - num_datagrams
     return np.logical_and.reduceat(arrived, starts), int((~arrived).sum())
 

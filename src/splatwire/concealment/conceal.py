@@ -38,7 +38,10 @@ def conceal(received: ReceivedScene[S], concealer: Concealer | str) -> S:
     check_needs(method, received)
     if received.loss_mask.num_lost == 0:
         return received.scene
-    return apply_result(received, method(received), method.name)
+    result: Any = method(received)
+    if not isinstance(result, Concealed):
+        raise InvalidValueError(f"concealer '{method.name}' returned {shown(result)}, not Concealed")
+    return apply_result(received, result, method.name)
 
 
 def apply_result(received: ReceivedScene[S], result: Concealed, name: str) -> S:
@@ -73,6 +76,9 @@ def conceal_if_received(loaded: Scene | ReceivedScene, concealer: Concealer | st
 
 
 def _check(result: Concealed, estimates: Any, received: ReceivedScene, name: str) -> None:
+    if not isinstance(estimates, type(received.elements)):
+        kind = type(received.elements).__name__
+        raise InvalidValueError(f"concealer '{name}' returned elements of type {shown(estimates)}, not {kind}")
     count, hints = received.scene.num_elements, result
     opacity_gain = hints.size_gain if hints.opacity_gain is None else hints.opacity_gain
     rows = {len(hints.size_gain), len(hints.left_out), len(opacity_gain), *(len(t) for t in vars(estimates).values())}

@@ -98,8 +98,21 @@ def _views(
         gaussians = gaussians_of_view(scene, cameras, view)
         if antialiased(scene):
             gaussians = compensated(gaussians, cameras, view)
-        image = draw(gaussians, cameras.select([view]), background=background)[0]
+        image = _picture(draw(gaussians, cameras.select([view]), background=background), cameras)
         yield np.clip(image, 0, 1, out=image)
+
+
+def _picture(drawn: Any, cameras: Cameras) -> Float[np.ndarray, "H W 3"]:
+    """Checks the result of a renderer for one view, and returns it as an array that can be changed.
+
+    Raises:
+        InvalidValueError: If the result is no picture of the size of the cameras, or not of floating-point values.
+    """
+    pictures = array_of(drawn, "the result of the renderer", (1, cameras.height, cameras.width, 3))
+    if pictures.dtype.kind != "f":
+        raise InvalidValueError(f"the result of the renderer: expected RGB from 0 to 1, not {pictures.dtype}")
+    picture: np.ndarray = pictures[0]
+    return picture if picture.dtype == np.float32 and picture.flags.writeable else picture.astype(np.float32)
 
 
 @checked_except("cameras", "renderer", "background", "progress")
