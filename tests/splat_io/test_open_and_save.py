@@ -17,6 +17,7 @@ from splatwire.files.kinds import file_kind
 from splatwire.io import read_any_scene
 from splatwire.io.formats import read_splats
 from splatwire.types import AnchorScene, ReceivedScene, SplatScene
+from splatwire.types.scene import Scene
 from splatwire.types.scene_digest import scene_digest
 
 ANCHORS = ("scene", "stream", "stream folder", "decoded", "causal stream")
@@ -130,12 +131,19 @@ def test_anchors_round_trip_bit_identically(tmp_path: Path) -> None:
         assert np.array_equal(getattr(back.anchors, name), value)
 
 
-@pytest.mark.parametrize("name", ["a.ply", "a.SPZ", "a.sog", "a.compressed.ply", "a.glb", "a.swz"])
+@pytest.mark.parametrize("name", ["a.ply", "a.SPZ", "a.sog", "a.compressed.ply", "a.glb"])
 def test_suffix_of_another_format_is_refused(name: str, tmp_path: Path) -> None:
     with pytest.raises(InvalidValueError, match=r"a\..*the name says another kind of file"):
         splatwire.save_scene(tiny_scene(num_anchors=5), tmp_path / name)
     with pytest.raises(UnknownNameError, match=r"format of explicit Gaussians 'a\.scene'"):
         splatwire.save_scene(SplatScene(some_splats(4)), tmp_path / "a.scene")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("scene", [tiny_scene(num_anchors=5), SplatScene(some_splats(4))], ids=["anchors", "Gaussians"])
+def test_the_suffix_of_a_stream_names_its_writer(scene: Scene, tmp_path: Path) -> None:
+    with pytest.raises(InvalidValueError, match=r"a\.swz: .*`write_stream\(encode_scene\(scene\), path\)` writes"):
+        splatwire.save_scene(scene, tmp_path / "a.swz")
     assert not list(tmp_path.iterdir())
 
 

@@ -52,6 +52,10 @@ def save_scene(
     """
     shown: Scene | ReceivedScene = scene if isinstance(scene, ReceivedScene) else as_scene(scene)
     target = path_of(path)
+    if target.name.lower().endswith(FILE_SUFFIX):
+        raise InvalidValueError(
+            f"{target}: the name says a stream, which `write_stream(encode_scene(scene), path)` writes"
+        )
     if isinstance(shown, ReceivedScene) and not _can_record_losses(shown):
         if num_lost := shown.loss_mask.num_lost:
             LOG.warning("%s: %d lost Gaussians are left out, and such files cannot record losses", target, num_lost)
@@ -75,10 +79,10 @@ def save_scene(
             metadata=metadata_of(shown),
         )
         return
-    if target.name.lower().endswith((FILE_SUFFIX, *(form.suffix for form in FORMATS.registered().values()))):
+    if target.name.lower().endswith(tuple(form.suffix for form in FORMATS.registered().values())):
         raise InvalidValueError(
-            f"{target}: the name says another kind of file than a scene of anchors, which would be in it; streams are "
-            "written by `write_stream(encode_scene(scene), path)`, explicit Gaussians by `splatwire export`"
+            f"{target}: the name says another kind of file than a scene of anchors, which would be in it; explicit "
+            "Gaussians are written by `splatwire export`"
         )
     if isinstance(shown, ReceivedScene):
         save_partial(shown, target)
