@@ -68,6 +68,12 @@ WORKS = {
     "classes of any whole numbers": "splatwire.encode_scene(scene, class_offsets=np.full(n, -3)) is not None",
     "explicit Gaussians to save": "splatwire.save_scene(splats, path.parent / 'x.ply') is None",
     "a background in a list": "SplatScene(splats, background=[1, 0.5, 0]).background == (1.0, 0.5, 0.0)",
+    **{
+        f"a background in {kind}": f"SplatScene(splats, background={kind}([1, 0.5, 0])).background == (1.0, 0.5, 0.0)"
+        for kind in ("np.array", "np.float32")
+    },
+    "pictures in a list": "splatwire.evaluate(scene, [np.zeros((24, 32, 3))], path).psnr.shape == (1,)",
+    "pictures of half precision": "splatwire.evaluate(scene, picture.astype(np.float16), cameras).psnr.min() > 60",
 }
 FAILS = {
     **{
@@ -157,7 +163,13 @@ FAILS = {
     "SplatScene(splats, (1.0, 1.0, 1.0))": r"hints are RenderHints.*background=",
     "SplatScene(splats.means)": r"expected Splats .*not ndarray",
     "SplatScene(scene)": r"expected Splats .*not SplatScene",
-    "SplatScene(splats, background=(2, 0, 0))": r"a background is three numbers",
+    "SplatScene(splats, background=(2, 0, 0))": r"a background is three numbers from 0 to 1, not \(2, 0, 0\)",
+    "SplatScene(splats, background=np.ones((3, 1)))": r"a background is three numbers from 0 to 1, not",
+    "conceal(stream, 'drop')": r"expected ReceivedScene \(`decode_stream` returns one\), not SceneStream",
+    "splatwire.encode([splats, splats])": r"expected a scene, not list: frames need the options `SequenceOptions`",
+    "splatwire.encode([scene], splatwire.SequenceOptions())": r"not list of SplatScene$",
+    "draw(renderer=lambda *given, **named: None)": r"the result of the renderer: expected an array \(1, 24, 32, 3\)",
+    "splatwire.evaluate(scene, 2 * picture - 1, cameras)": r"expected RGB from 0 to 1, not from -1",
     "SplatScene(splats, background='white')": r"a background is three numbers",
     "Splats(splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.sh)": (
         r"Splats.opacities: expected a float32 array \(G,\), not float32 \(300, 1\)"

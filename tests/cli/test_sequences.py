@@ -146,6 +146,13 @@ def test_one_frame_is_written_to_one_file(run, clip, tmp_path):
     assert (tmp_path / "one.ply").read_bytes() == (tmp_path / "all" / "frame_4.ply").read_bytes()
 
 
+@pytest.mark.parametrize("number", [-1, FRAMES])
+def test_a_frame_that_the_clip_does_not_have_is_refused_before_decoding(run, clip, tmp_path, number):
+    done = run("decode", clip, "-o", tmp_path / "one.ply", "--frame", number)
+    assert (done.status, "the clip has the frames 0 to 5" in done.err) == (2, True)
+    assert "decoding" not in done.err
+
+
 def test_empty_frames_have_files_and_keep_their_numbers(run, tmp_path):
     frames = tmp_path / "frames"
     frames.mkdir()

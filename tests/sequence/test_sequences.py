@@ -14,7 +14,14 @@ from splatwire.channel import parse_loss
 from splatwire.channel.transmit import transmit
 from splatwire.codec import decode_stream, encode_scene, memory
 from splatwire.concealment.temporal.motion_prediction import started_share
-from splatwire.errors import BitstreamError, DatasetError, InvalidValueError, MissingSideInfoError, UnknownNameError
+from splatwire.errors import (
+    BitstreamError,
+    DatasetError,
+    InvalidValueError,
+    MissingSideInfoError,
+    SplatwireError,
+    UnknownNameError,
+)
 from splatwire.evaluation.sequence.evaluation import SequenceRow, SequenceScore
 from splatwire.io.formats import write_splats
 from splatwire.sequence import (
@@ -258,6 +265,24 @@ def test_inconsistent_frames_are_refused(frames):
         SequenceEncoder().finish()
     with pytest.raises(InvalidValueError, match="1 to 64 frames"):
         SequenceOptions(group_frames=65)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"background": (2.0, 0.0, 0.0)}, r"a background is three numbers from 0 to 1, not \(2.0, 0.0, 0.0\)"),
+        ({"up": "upward"}, "unknown up axis 'upward': known are .*-y.* auto"),
+        ({"order": "sorted"}, "unknown order of Gaussians 'sorted': known are auto, shuffled, tracked"),
+        ({"quality": "finest"}, "unknown quality 'finest'"),
+        ({"quality": 101}, "quality: a number is 0 to 100"),
+        ({"threads": -1}, "threads must be a whole number of 0 or more"),
+    ],
+)
+def test_options_are_checked_before_frames_are_read(options, message):
+    """A background or axis out of range would give a stream that no decoder reads."""
+    with pytest.raises(SplatwireError, match=message):
+        SequenceOptions(**options)
+    assert SequenceOptions(background=(0.0, 0.5, 1.0), up="-x").up == "-x"
 
 
 def test_arbitrary_payload_bytes_decode_without_an_error(stream):

@@ -5,10 +5,12 @@ import logging
 import random
 import tracemalloc
 from collections import Counter
+from typing import Any
 
 import pytest
 
-from splatwire.transport import Server, ServerLimits, make_served_stream
+from splatwire.errors import InvalidValueError
+from splatwire.transport import ReceiverOptions, Server, ServerLimits, make_served_stream
 from splatwire.transport.protocol.admission import (
     MAX_NETWORKS,
     WINDOW_S,
@@ -294,3 +296,22 @@ def test_a_nonce_that_starts_again_counts_each_time() -> None:
         starts.record(("client",), 8, float(now))
     assert not starts.has_started(("client",), 7)
     assert len(starts) == 3
+
+
+@pytest.mark.parametrize(
+    "limits",
+    [{"sessions": -1}, {"per_network": 0}, *({name: 0.0} for name in (
+        "silence_s", "rate", "start_rate", "fixed_rate", "total_rate", "max_sent_ratio"
+    )), {"rate": -1.0}],
+)  # fmt: skip
+def test_limits_with_which_no_transfer_is_possible_are_refused(limits: dict[str, Any]) -> None:
+    (name,) = limits
+    with pytest.raises(InvalidValueError, match=name):
+        ServerLimits(**limits)
+    assert ServerLimits(sessions=0).sessions == 0
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0])
+def test_a_receiver_without_patience_is_refused(seconds: float) -> None:
+    with pytest.raises(InvalidValueError, match="silence_s is above 0 seconds"):
+        ReceiverOptions(silence_s=seconds)

@@ -75,6 +75,8 @@ def write_frames(
     """
     method = temporal_concealer(concealer)
     format_for(f"x{suffix}")
+    if frame_number is not None:
+        open_side_info(stream.manifest, stream.side_info).timeline.group_of(frame_number)  # refuses other frames
     sequence = decode_stream(stream, progress=lambda share: report("decoding packets", share)).scene
     count = sequence.timeline.num_frames
     warn_of_background(folder, sequence.background)

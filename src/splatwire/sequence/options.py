@@ -3,17 +3,20 @@
 from dataclasses import dataclass
 from fractions import Fraction
 
-from splatwire.arguments import check_fields
+from splatwire.arguments import check_fields, check_threads
 from splatwire.bitstream.limits import MAX_FRAME_RATE, MAX_GROUP_FRAMES
-from splatwire.codec.gaussians.quality import Quality
-from splatwire.errors import InvalidValueError
-from splatwire.types.background import BLACK, Background
+from splatwire.codec.gaussians.quality import Quality, quality_of
+from splatwire.errors import InvalidValueError, UnknownNameError
+from splatwire.types.background import BLACK, Background, check_background
+from splatwire.types.metadata import UP_AXES
 
 GROUP_FRAMES = 15
 """Default length of a group of pictures (GOP), frames. CONTRIBUTING.md lists the texts that
 state it."""
 FRAME_RATE = Fraction(30)
 """Default frame rate, frames per second."""
+FRAME_ORDERS = ("auto", "tracked", "shuffled")
+"""Values of `SequenceOptions.order`."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +31,13 @@ class SequenceOptions:
             to detect it.
         quality: Quantisation quality: a name, a number from 0 to 100, or a `Quality`.
         background: Background colour, RGB.
-        up: Up axis: `y`, `-y`, `z`, `-z`; `auto` estimates the axis from the first frame.
+        up: Up axis: `x`, `y` or `z`, with `-` for the negative direction; `auto` estimates the axis from the first
+            frame.
         threads: Number of threads; None for one per processor.
 
     Raises:
-        InvalidValueError: If `rate` or `group_frames` is out of range.
+        InvalidValueError: If a value is out of range.
+        UnknownNameError: If there is no such order, quality or axis.
     """
 
     rate: Fraction = FRAME_RATE
@@ -44,7 +49,14 @@ class SequenceOptions:
     threads: int | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "background", check_background(self.background))
         check_fields(self)
+        check_threads(self.threads)
+        quality_of(self.quality)
+        if self.order not in FRAME_ORDERS:
+            raise UnknownNameError("order of Gaussians", self.order, FRAME_ORDERS)
+        if self.up not in ("auto", *UP_AXES):
+            raise UnknownNameError("up axis", self.up, ("auto", *UP_AXES))
         if not 0 < self.rate <= MAX_FRAME_RATE:
             raise InvalidValueError(f"a clip has up to {MAX_FRAME_RATE} frames a second, not {float(self.rate):g}")
         if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:

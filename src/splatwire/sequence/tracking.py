@@ -10,10 +10,10 @@ from splatwire.files.byte_io import ByteReader, ByteWriter
 from splatwire.lazy_names import renamed_attributes
 from splatwire.sequence.frames import Frame
 from splatwire.sequence.matching import Match, aligned, has_same_order, match
+from splatwire.sequence.options import FRAME_ORDERS
 from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.types.splats import Splats
 
-FRAME_ORDERS = ("auto", "tracked", "shuffled")
 SECTION = "tracking"
 """Name of the side information section with the tracking statistics."""
 _SHARE_UNITS = 1_000_000

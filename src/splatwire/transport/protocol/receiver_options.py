@@ -41,6 +41,8 @@ class ReceiverOptions:
         check_fields(self)
         if self.deadline_s is not None and not self.deadline_s > 0:
             raise InvalidValueError(f"a deadline must be above 0 seconds, {self.deadline_s} is not")
+        if not self.silence_s > 0:
+            raise InvalidValueError(f"silence_s is above 0 seconds, {self.silence_s} is not")
         if not 0 <= self.reconnect_s < math.inf:
             raise InvalidValueError(f"reconnect_s is 0 or more seconds, {self.reconnect_s} is not")
         if len(self.name.encode()) > MAX_NAME:
