@@ -2,13 +2,15 @@ import dataclasses
 import itertools
 import json
 import math
+from typing import Any
 
 import pytest
 
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.neural.training.checkpoint import config_from_json, record_to_json
-from splatwire.neural.training.config import LearningRates, Milestones
+from splatwire.neural.training.config import LearningRates, Milestones, TrainConfig
 from splatwire.neural.training.gaussians import GaussianConfig
+from splatwire.neural.training.loop import RunOptions
 from splatwire.neural.training.presets import CAUSAL_LATE, PRESETS, create_config
 from splatwire.neural.training.schedule import learning_rates
 
@@ -111,3 +113,26 @@ def test_invalid_settings_are_refused() -> None:
     ):
         with pytest.raises(InvalidValueError, match="recipe"):
             config_from_json(wrong)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{"background": (2.0, 0.0, 0.0)}, {"seed": -1}, {"voxel_size": -0.1}, {"averaging_iterations": -1},
+     {"random_points": -1}],
+)  # fmt: skip
+def test_values_out_of_range_are_refused_before_the_training(values: dict[str, Any]) -> None:
+    (name,) = values
+    with pytest.raises(InvalidValueError, match=name):
+        TrainConfig(**values)
+
+
+def test_a_background_out_of_range_is_refused_for_explicit_gaussians() -> None:
+    with pytest.raises(InvalidValueError, match="a background is three numbers from 0 to 1"):
+        GaussianConfig(background=(0.0, 0.0, 1.5))
+
+
+@pytest.mark.parametrize("values", [{"checkpoint_interval": 0}, {"test_interval": -1}, {"max_test_views": 0}])
+def test_intervals_out_of_range_are_refused(values: dict[str, int]) -> None:
+    (name,) = values
+    with pytest.raises(InvalidValueError, match=name):
+        RunOptions(**values)  # type: ignore[arg-type]

@@ -1,13 +1,15 @@
 """Configuration of a training run (HAC++, section on training) in one frozen dataclass."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from splatwire.arguments import CheckedFields
-from splatwire.errors import InvalidValueError
+from splatwire.arguments import check_fields
+from splatwire.errors import InvalidValueError, shown
 from splatwire.lazy_names import renamed_attributes
 from splatwire.types import HacppConfig
+from splatwire.types.background import check_background
 from splatwire.types.causal_coding import CausalConfig
 
 STORED_NAME = "stored_name"
@@ -256,7 +258,7 @@ class PacketLossConfig:
 
 
 @dataclass(frozen=True)
-class TrainConfig(CheckedFields):
+class TrainConfig:
     """The complete configuration of a training run.
 
     Attributes:
@@ -277,7 +279,10 @@ class TrainConfig(CheckedFields):
         random_points: Maximum number of random initial points if the data has none.
         background: RGB of the background.
         test_views: Rule that selects the test views; None for the default rule of the dataset's layout.
-        seed: Seed of all random numbers.
+        seed: Seed of all random numbers, at least 0.
+
+    Raises:
+        InvalidValueError: If a value is out of range.
     """
 
     # The networks of the causal model are as wide as the channel networks. There is at most one random initial point
@@ -299,6 +304,13 @@ class TrainConfig(CheckedFields):
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
     test_views: str | None = None
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        check_background(self.background)
+        for name in ("voxel_size", "averaging_iterations", "random_points", "seed"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise InvalidValueError(f"{name}: expected a number of at least 0, not {shown(getattr(self, name))}")
 
     __getattr__ = renamed_attributes("TrainConfig", {"losses": "packet_loss", "averaged": "averaging_iterations"})
 

@@ -8,9 +8,9 @@ from typing import Any, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from splatwire.arguments import CheckedFields
+from splatwire.arguments import check_fields
 from splatwire.data import Dataset
-from splatwire.errors import DatasetError, DivergedError, InvalidValueError, shown
+from splatwire.errors import DatasetError, DivergedError, InvalidValueError, shown, whole_number
 from splatwire.neural.training.kernels import Kernels
 from splatwire.neural.training.photometric_loss import Photo
 from splatwire.neural.training.photos import PhotoStore, check_photos
@@ -22,7 +22,7 @@ from splatwire.types.scene import Scene
 
 
 @dataclass(frozen=True)
-class RunOptions(CheckedFields):
+class RunOptions:
     """Options for checkpoints and tests, which have no influence on the trained scene.
 
     Attributes:
@@ -36,6 +36,11 @@ class RunOptions(CheckedFields):
     checkpoint_interval: int = 1000
     test_interval: int = 1000
     max_test_views: int = 8
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        for name, least in (("checkpoint_interval", 1), ("test_interval", 0), ("max_test_views", 1)):
+            whole_number(getattr(self, name), name, least)
 
 
 @runtime_checkable

@@ -9,6 +9,7 @@ from splatwire.codec.gaussians.quality import QUALITIES, Quality
 from splatwire.errors import InvalidValueError
 from splatwire.neural.training.config import FULL_ITERATIONS, LearningRate, stored_as
 from splatwire.ops.spherical_harmonics import MAX_DEGREE
+from splatwire.types.background import check_background
 
 MIN_ITERATIONS = 20
 MAX_GAUSSIANS = 4_000_000
@@ -144,6 +145,7 @@ class GaussianConfig:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        check_background(self.background)
         if not 1 <= self.gaussians <= MAX_GAUSSIANS:
             raise InvalidValueError(f"a training takes 1 to {MAX_GAUSSIANS:,} Gaussians, not {self.gaussians:,}")
         if not 0 <= self.degree <= MAX_DEGREE:
