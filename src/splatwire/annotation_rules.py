@@ -295,7 +295,8 @@ def _protocol_rule(kind: type) -> Rule:
         own = getattr(value, "__dict__", {})
         return all(name in own or hasattr(type(value), name) or hasattr(value, name) for name in members)
 
-    return Rule(f"a {kind.__name__}", accepts)
+    article = "an" if kind.__name__[0] in "AEIOU" else "a"
+    return Rule(f"{article} {kind.__name__}", accepts)
 
 
 def array_rule(kind: Any) -> Rule:

@@ -26,6 +26,7 @@ import json, sys, numpy as np, splatwire
 from pathlib import Path
 from splatwire.concealment import conceal
 from splatwire.data import load_cameras, open_dataset, save_cameras
+from splatwire.evaluation import study
 from splatwire.io.formats import read_content, read_splats, write_splats
 from splatwire.types import Anchors, Cameras, LossMask, Gaussians, SplatScene
 from splatwire.types.splats import Splats
@@ -43,6 +44,10 @@ stream = splatwire.encode_scene(scene, "datagram")
 splatwire.write_stream(stream, path.parent / "x.swz")
 splatwire.save_scene(scene, path.parent / "y.ply")
 received = splatwire.decode_stream(stream)
+(path.parent / "p.toml").write_text(
+    '[[scene]]\\nname = "x"\\nstream = "x.swz"\\n[[row]]\\nkey = "a"\\nlabel = "a"\\n[[loss]]\\nmodel = "none"\\n'
+)
+protocol, store = study.load_study(str(path.parent / "p.toml")), study.Store(str(path.parent / "store"))
 picture = splatwire.render_scene(scene, cameras, renderer="cpu")
 def draw(scene=scene, cameras=cameras, **more):
     return splatwire.render_scene(scene, cameras, **{"renderer": "cpu", **more})
@@ -72,6 +77,9 @@ WORKS = {
         f"a background in {kind}": f"SplatScene(splats, background={kind}([1, 0.5, 0])).background == (1.0, 0.5, 0.0)"
         for kind in ("np.array", "np.float32")
     },
+    "paths of a study as text": "study.SceneEntry('a', 'x.swz', 'stream').source == Path('x.swz')",
+    "rows of a study in a list": "study.Study('a', 'a', [*protocol.scenes], [*protocol.rows], [*protocol.losses]) "
+    "== study.Study('a', 'a', protocol.scenes, protocol.rows, protocol.losses)",
     "pictures in a list": "splatwire.evaluate(scene, [np.zeros((24, 32, 3))], path).psnr.shape == (1,)",
     "pictures of half precision": "splatwire.evaluate(scene, picture.astype(np.float16), cameras).psnr.min() > 60",
 }
@@ -165,6 +173,13 @@ FAILS = {
     "SplatScene(scene)": r"expected Splats .*not SplatScene",
     "SplatScene(splats, background=(2, 0, 0))": r"a background is three numbers from 0 to 1, not \(2, 0, 0\)",
     "SplatScene(splats, background=np.ones((3, 1)))": r"a background is three numbers from 0 to 1, not",
+    "study.load_study(None)": r"path: expected the path of a file or folder, not None",
+    "study.run_study('p.toml', store, study.InProcess(), print)": r"study: expected Study, not 'p.toml'",
+    "study.run_study(protocol, 'store', study.InProcess(), print)": r"store: expected Store, not 'store'",
+    "study.run_study(protocol, store, 'local', print)": r"engine: expected an Engine, not 'local'",
+    "study.run_study(protocol, store, study.InProcess(), None)": r"progress: expected a function, not None",
+    "study.SceneEntry('a', 'x.swz', 'splats')": r"unknown kind of scene 'splats': known are model, scene, stream",
+    "study.SceneEntry('a', 'x.swz', 'stream', background=(2, 0, 0))": r"a background is three numbers from 0 to 1",
     "conceal(stream, 'drop')": r"expected ReceivedScene \(`decode_stream` returns one\), not SceneStream",
     "splatwire.encode([splats, splats])": r"expected a scene, not list: frames need the options `SequenceOptions`",
     "splatwire.encode([scene], splatwire.SequenceOptions())": r"not list of SplatScene$",

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from splatwire.arguments import CheckedFields, check_fields
 from splatwire.bitstream import PRESETS, SEND_ORDERS, Packetization
 from splatwire.channel import LossModel, parse_loss
 from splatwire.channel.loss_models import UNIT_NAMES
@@ -17,7 +18,7 @@ from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.evaluation.study.records import RECORD_COLUMNS
 from splatwire.metrics.registry import METRICS
 from splatwire.render import create_renderer
-from splatwire.types.background import Background
+from splatwire.types.background import Background, check_background
 
 MAX_SEEDS = 1000
 DEFAULT_METRICS = ("psnr", "ssim", "lpips")
@@ -25,6 +26,8 @@ SIZE_METRICS = ("growth_percent", "attribute_growth_percent")
 """Published size metrics: relative growth of the stream without network weights, and of the attribute data only."""
 ERODIBLE = ("feature", "scaling", "offset", "mask")
 KINDS = ("losses", "sizes")
+SOURCES = ("stream", "scene", "model")
+"""Values of `SceneEntry.kind`."""
 PASSTHROUGH = "stream"
 """Name of the stream variant of table rows (methods) that send a stream, or score a scene, without repacking."""
 WEIGHTS = "{weights}"
@@ -74,6 +77,10 @@ class SceneEntry:
     background: Background | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
+        _known("kind of scene", self.kind, SOURCES)
+        if self.background is not None:
+            check_background(self.background)
         _known("split", self.split, SPLITS)
         if self.test_views is not None:
             _known("choice of test views", self.test_views, TEST_VIEWS)
@@ -94,6 +101,7 @@ class Decoded:
     num_bytes: int | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.num_bytes is not None and self.num_bytes < 1:
             raise InvalidValueError(f"num_bytes must be at least 1, not {self.num_bytes}")
 
@@ -129,6 +137,7 @@ class Row:
     curve: str = ""
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if self.decoded:
             _unique("result of a scene", [decoded.scene for decoded in self.decoded], least=1)
             if not self.lossless or self.erode is not None or self.sections:
@@ -177,6 +186,7 @@ class Loss:
     send_order: str = "interleaved"
 
     def __post_init__(self) -> None:
+        check_fields(self)
         parse_loss(self.model, self.unit)
         _known("send order", self.send_order, SEND_ORDERS)
 
@@ -195,7 +205,7 @@ class Loss:
 
 
 @dataclass(frozen=True)
-class Published:
+class Published(CheckedFields):
     """Published results of one method on a group of scenes, for comparison.
 
     Attributes:
@@ -248,6 +258,7 @@ class Study:
     picture_views: int = 2
 
     def __post_init__(self) -> None:
+        check_fields(self)
         _known("kind of protocol", self.kind, KINDS)
         _unique("scene", [scene.name for scene in self.scenes], least=1)
         _unique("row", [row.key for row in self.rows], least=1)

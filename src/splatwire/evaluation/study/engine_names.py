@@ -1,5 +1,6 @@
 """Engines that execute the tasks of an evaluation (local, Ray, Slurm), created by name and imported on demand."""
 
+from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.evaluation.study.engines import Engine, default_workers
 from splatwire.evaluation.study.local_engine import LocalEngine
@@ -8,6 +9,7 @@ from splatwire.evaluation.study.slurm_options import SlurmOptions
 ENGINES = ("local", "ray", "slurm")
 
 
+@checked
 def create_engine(name: str, workers: int | None = None, slurm: SlurmOptions | None = None) -> Engine:
     """Creates the engine that executes the tasks of an evaluation.
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from splatwire.arguments import checked
 from splatwire.channel import Bernoulli, GilbertElliott, parse_loss
 from splatwire.evaluation.study.charts import rate_chart
 from splatwire.evaluation.study.curves import bd_table, curves_csv, curves_of, panels, title_of
@@ -37,6 +38,7 @@ RATES = (0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2)
 """Loss rates of datagrams for which the report lists the resulting loss rates of packets."""
 
 
+@checked
 def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, Path]:
     """Writes all results of an evaluation.
 
@@ -76,6 +78,7 @@ def write_outputs(result: StudyResult, store: Store, folder: Path) -> dict[str, 
     return files
 
 
+@checked
 def write_report(
     result: StudyResult, store: Store, folder: Path, content: Mapping[str, Any], *, curve: StudyResult | None = None,
     links: Mapping[str, str] | None = None,
@@ -151,6 +154,7 @@ def _save_masks(result: StudyResult, store: Store) -> None:
                 store.write(name, mask_bytes(stream, mask, loss, seed))
 
 
+@checked
 def write_size_outputs(study: Study, scene_sizes: Sequence[SceneSizes], folder: Path) -> dict[str, Path]:
     """Writes the results of a comparison of sizes into a folder.
 

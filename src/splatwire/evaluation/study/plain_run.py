@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from splatwire.anchors.appearance import scene_of
+from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream, packetization_named
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec import schema_named, schema_of
@@ -25,6 +26,7 @@ from splatwire.evaluation.study.store import MemoryStore
 from splatwire.types.received_scene import ReceivedScene
 
 
+@checked
 def run_plain_study(
     study: Study,
     output: Path | None,

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.study.definition import Loss, Study
 from splatwire.evaluation.study.engines import Engine, Event
@@ -95,6 +96,7 @@ class StudyResult:
         ]
 
 
+@checked
 def run_study(study: Study, store: Store, engine: Engine, progress: Progress) -> StudyResult:
     """Runs an evaluation; results that the store already has are not computed again.
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.study.definition import Row, SceneEntry, Study
 from splatwire.evaluation.study.inputs import PreparedStream, Source, check_scenes, prepare_streams
@@ -103,6 +104,7 @@ _PACKET_FILES = ("packet_headers", "packet_payloads")
 _ORDER = (_GEOMETRY, _GRID, _ATTRIBUTES, _REST, _NETWORKS)
 
 
+@checked
 def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, float], None]) -> list[SceneSizes]:
     """Encodes every scene with the packetization of every table row, and counts the bytes by category (`SceneSizes`).
 

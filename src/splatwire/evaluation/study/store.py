@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.arguments import CheckedFields
 from splatwire.errors import SplatwireError
 from splatwire.evaluation.pixels import png_pixels
 from splatwire.evaluation.study.input_files import InputFiles
@@ -36,7 +37,7 @@ UNIT_SUFFIX = ".parquet"
 
 
 @dataclass(frozen=True)
-class Store:
+class Store(CheckedFields):
     """Folder with the inputs and results of an evaluation.
 
     Attributes:

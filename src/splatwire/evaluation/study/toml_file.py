@@ -10,11 +10,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from splatwire.arguments import checked
 from splatwire.bitstream import PRESETS, Packetization
 from splatwire.errors import DatasetError, InvalidValueError, SplatwireError
 from splatwire.evaluation.study.definition import (
     DEFAULT_METRICS,
     SIZE_METRICS,
+    SOURCES,
     Decoded,
     Loss,
     Published,
@@ -27,7 +29,6 @@ from splatwire.types.background import Background, check_background
 
 MAX_FILE_BYTES = 1 << 20
 _ARRAYS = ("scene", "loss", "row", "published")
-_SOURCES = ("stream", "scene", "model")
 _VARIABLE = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
 _STUDY = {
     "name": str, "title": str, "kind": str, "notes": list, "baseline": str, "seeds": list, "metrics": list,
@@ -49,6 +50,7 @@ _LOSS = {"model": str, "unit": str, "send_order": str}
 _TYPES = {str: "text", int: "an integer", list: "a list", dict: "a table", bool: "true or false", float: "a number"}
 
 
+@checked
 def load_study(path: Path, *, replaced: SceneEntry | None = None) -> Study:
     """Reads and validates a protocol file (TOML); no computation is started.
 
@@ -99,7 +101,7 @@ def _read(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
         if len(data) > MAX_FILE_BYTES:
-            raise InvalidValueError(f"{path} is no protocol: it is larger than {MAX_FILE_BYTES} bytes")
+            raise InvalidValueError(f"it is no protocol: it is larger than {MAX_FILE_BYTES} bytes")
         content = tomllib.loads(data.decode("utf-8-sig"))
         _check_plain("", content)
     except OSError as error:
@@ -194,11 +196,9 @@ class _Expander:
 def _scene(location: str, table: dict[str, Any], expand: _Expander) -> SceneEntry:
     _check_keys(location, table, _SCENE, ("name",))
     location = f"{location} ({table['name']})"
-    kinds = [kind for kind in _SOURCES if kind in table]
+    kinds = [kind for kind in SOURCES if kind in table]
     if len(kinds) != 1:
-        raise InvalidValueError(
-            f"{location} needs one of {', '.join(_SOURCES)}; it has {' and '.join(kinds) or 'none'}"
-        )
+        raise InvalidValueError(f"{location} needs one of {', '.join(SOURCES)}; it has {' and '.join(kinds) or 'none'}")
     source = expand(location, table.pop(kinds[0]))
     for key in ("photos", "cameras", "weights", "sections", "reference"):
         if key in table:
