@@ -22,7 +22,7 @@ import splatwire.types
 pytestmark = pytest.mark.slow
 
 PRELUDE = """
-import json, sys, numpy as np, splatwire
+import importlib, json, sys, numpy as np, splatwire
 from pathlib import Path
 from splatwire.concealment import conceal
 from splatwire.data import load_cameras, open_dataset, save_cameras
@@ -49,6 +49,7 @@ received = splatwire.decode_stream(stream)
 )
 protocol, store = study.load_study(str(path.parent / "p.toml")), study.Store(str(path.parent / "store"))
 picture = splatwire.render_scene(scene, cameras, renderer="cpu")
+def module(name): return importlib.import_module(f"splatwire.{name}")
 def draw(scene=scene, cameras=cameras, **more):
     return splatwire.render_scene(scene, cameras, **{"renderer": "cpu", **more})
 """
@@ -173,6 +174,17 @@ FAILS = {
     "SplatScene(scene)": r"expected Splats .*not SplatScene",
     "SplatScene(splats, background=(2, 0, 0))": r"a background is three numbers from 0 to 1, not \(2, 0, 0\)",
     "SplatScene(splats, background=np.ones((3, 1)))": r"a background is three numbers from 0 to 1, not",
+    **{
+        f"module({name!r}).{call}": message
+        for name, call, message in (
+            ("rate_control", "encode_controlled('x', None, print)", r"scene: expected SplatScene .*, not str"),
+            ("rate_control", "parse_size(None)", r"text: expected text, not None"),
+            ("finetuning.tune", "fine_tune(None, None)", r"scene: expected SplatScene .*, not None"),
+            ("anchors.scene_file", "load_scene(None)", r"path: expected the path of a file or folder, not None"),
+            ("concealment.temporal.concealers", "temporal_concealer(None)", r"name: expected text, not None"),
+            ("transport.http.pack", "pack_streams([stream])", r"streams: expected a dictionary .*not list of SceneStr"),
+        )
+    },
     "study.load_study(None)": r"path: expected the path of a file or folder, not None",
     "study.run_study('p.toml', store, study.InProcess(), print)": r"study: expected Study, not 'p.toml'",
     "study.run_study(protocol, 'store', study.InProcess(), print)": r"store: expected Store, not 'store'",

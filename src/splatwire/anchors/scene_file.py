@@ -13,6 +13,7 @@ import numpy as np
 from splatwire.anchors._coding_file import coding_header, coding_networks, coding_tensors, read_coding, read_config
 from splatwire.anchors._scene_reader import SceneReader, open_scene_file
 from splatwire.anchors.tensor_file import write_tensors
+from splatwire.arguments import checked
 from splatwire.errors import BitstreamError, check_kind
 from splatwire.types import AnchorLayout, Anchors, Attribute, LossMask
 from splatwire.types.anchor_scene import AnchorScene, GaussianHeads
@@ -51,6 +52,7 @@ def save_scene(scene: Scene, path: Path, *, loss_mask: LossMask | None = None) -
     write_tensors(tensors, header, path)
 
 
+@checked
 def load_scene(path: Path) -> AnchorScene:
     """Reads the file of a complete scene.
 
@@ -75,6 +77,7 @@ def load_scene(path: Path) -> AnchorScene:
     return scene.scene
 
 
+@checked
 def load_scene_file(path: Path) -> tuple[AnchorScene | ReceivedScene[AnchorScene], LossMask | None]:
     """Reads a scene file, complete or with losses.
 
@@ -123,6 +126,7 @@ def save_partial(received: ReceivedScene[AnchorScene], path: Path) -> None:
     write_tensors(tensors, header, path)
 
 
+@checked
 def load_partial(path: Path) -> ReceivedScene[AnchorScene]:
     """Reads a received scene with losses, written by `save_partial`.
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 
 from splatwire.anchors.appearance import origin_of
+from splatwire.arguments import checked
 from splatwire.data import Dataset
 from splatwire.errors import InvalidValueError
 from splatwire.files.mmap_array import large_empty
@@ -105,6 +106,7 @@ def fitting_cameras(scene: Scene, num_views: int = VIEWS, size: int = SIZE) -> C
     )
 
 
+@checked
 def own_pictures(scene: Scene, cameras: Cameras, progress: Callable[[float], None] | None = None) -> Pictures:
     """Renders a scene in the given views, as reference pictures for fine-tuning without photos.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8
 
-from splatwire.arguments import check_fields
+from splatwire.arguments import check_fields, checked
 from splatwire.codec.gaussians.packets import divide_into_packets
 from splatwire.codec.gaussians.rounding import coding_for, round_splats
 from splatwire.errors import InvalidValueError
@@ -88,6 +88,7 @@ class TunedGaussians:
         return replace(self.scene, splats=round_splats(self.scene.splats, self.coding), coding=self.coding)
 
 
+@checked
 def fine_tune(
     scene: SplatScene,
     pictures: Pictures,

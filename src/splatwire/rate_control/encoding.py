@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from splatwire.arguments import checked
 from splatwire.bitstream import SceneStream
 from splatwire.codec import decode_stream
 from splatwire.codec.gaussians.quality import Quality
@@ -97,6 +98,7 @@ class EncodedScene:
         return self.held_out.mean_psnr(decoded_finest(self.stream))
 
 
+@checked
 def encode_controlled(
     scene: SplatScene,
     target: Target,

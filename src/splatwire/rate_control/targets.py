@@ -4,7 +4,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from splatwire.arguments import check_fields
+from splatwire.arguments import check_fields, checked
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.errors import InvalidValueError, shown
 
@@ -40,6 +40,7 @@ class Target:
             raise InvalidValueError(f"a PSNR is a number of decibels above 0, not {self.psnr:g}")
 
 
+@checked
 def parse_size(text: str) -> int:
     """Returns the number of bytes of a text such as `500kB`, `0.5 MB`, `2MiB` or `500000`.
 

@@ -5,6 +5,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
+from splatwire.arguments import checked
 from splatwire.concealment.registry import create, find_temporal, register_concealer, temporal_names
 from splatwire.concealment.temporal.motion_prediction import MotionPrediction, predict_lost_motion
 from splatwire.concealment.temporal.poses import ConcealmentState, GroupPoses
@@ -155,6 +156,7 @@ for _preset in BUILT_IN:
     _register(_preset)
 
 
+@checked
 def temporal_concealer(name: str, **options: Any) -> TemporalConcealer:
     """Creates a concealer of sequences.
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import NamedTuple
 
+from splatwire.arguments import checked
 from splatwire.channel import Bernoulli, GilbertElliott, LossModel, parse_loss
 from splatwire.evaluation.study.definition import Loss, Row
 from splatwire.evaluation.study.engines import Engine
@@ -29,6 +30,7 @@ class ComparedRows(NamedTuple):
     best: Row
 
 
+@checked
 def run_loss_curve(result: StudyResult, store: Store, engine: Engine, progress: Progress) -> StudyResult | None:
     """Evaluates a few methods at further loss rates, for a chart of PSNR against the loss rate.
 

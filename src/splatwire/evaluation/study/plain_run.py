@@ -64,6 +64,7 @@ def run_plain_study(
     return result, content
 
 
+@checked
 def plain_rows(
     entry: SceneEntry, concealers: Sequence[str], files: InputFiles, *, lossy: bool, contiguous: bool = False
 ) -> tuple[Row, ...]:

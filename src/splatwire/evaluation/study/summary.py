@@ -9,6 +9,7 @@ from typing import Any
 
 from scipy.special import stdtrit
 
+from splatwire.arguments import checked
 from splatwire.evaluation.study.definition import Loss, Row, common_word
 from splatwire.evaluation.study.records import Record
 from splatwire.evaluation.study.run import StudyResult
@@ -107,6 +108,7 @@ class Summary:
         return content
 
 
+@checked
 def summarize(result: StudyResult) -> list[Summary]:
     """Computes the statistics of every scene, method and loss model, in the order of the evaluation's definition."""
     groups: dict[tuple[str, str, Loss | None], list[list[Record]]] = {}

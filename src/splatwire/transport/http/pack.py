@@ -6,6 +6,7 @@ import html
 from collections.abc import Mapping
 from urllib.parse import quote
 
+from splatwire.arguments import checked
 from splatwire.bitstream import Manifest, SceneStream, stream_to_bytes
 from splatwire.errors import InvalidValueError
 from splatwire.transport.http.content import RENDERER, SCRIPT, STYLE, web_file
@@ -43,6 +44,7 @@ if (location.hash) choose();
 """Script of the page that selects one of several streams by the fragment of the page's URL."""
 
 
+@checked
 def pack_stream(stream: SceneStream, title: str) -> bytes:
     """Returns an HTML page that contains a stream and the player for the stream.
 
@@ -56,6 +58,7 @@ def pack_stream(stream: SceneStream, title: str) -> bytes:
     return pack_streams({title: stream})
 
 
+@checked
 def pack_streams(streams: Mapping[str, SceneStream]) -> bytes:
     """Returns an HTML file that contains several streams, links to select one, and the player.
 
