@@ -2,6 +2,8 @@
 
 import hashlib
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,6 +72,13 @@ def test_verify_accepts_intact_streams_and_checks_every_argument(run, journey):
     assert "ok" in run("verify", journey / "tiny.swz").out
     one_bad = run("verify", journey / "tiny.swz", journey / "cameras.json", journey / "packets", "--json")
     assert (one_bad.status, [facts["ok"] for facts in one_bad.json["streams"].values()]) == (3, [True, False, True])
+
+
+@pytest.mark.slow
+def test_standard_input_named_twice_is_read_once(journey):
+    command = [sys.executable, "-m", "splatwire", "verify", "-", "-"]
+    done = subprocess.run(command, input=(journey / "tiny.swz").read_bytes(), capture_output=True, check=False)
+    assert (done.returncode, done.stdout.count(b"ok: ")) == (0, 1), done.stderr
 
 
 def test_verify_fails_on_missing_packets_unless_loss_is_allowed(run, journey):

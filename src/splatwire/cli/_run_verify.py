@@ -18,7 +18,7 @@ def run(command: Verify) -> None:
     if not command.streams:
         raise InvalidValueError("name a stream to verify")
     check_inputs(*(Path(name) for name in command.streams if name != STANDARD))
-    results = {name: _check(command, name) for name in command.streams}
+    results = {name: _check(command, name) for name in dict.fromkeys(command.streams)}
     good = all(facts["ok"] for facts in results.values())
     if command.json:
         print_json({"ok": good, "streams": results})
