@@ -80,7 +80,7 @@ def test_other_arguments_are_an_error_that_names_the_parameter(name, value):
 
 def test_messages_about_lists_name_the_types_of_their_items():
     with pytest.raises(InvalidValueError, match=r"^items: expected a sequence of .*, not list of int, str$"):
-        call(items=[1, "two", 3])
+        call(items=[1, "two", 3])  # type: ignore[list-item]
     with pytest.raises(InvalidValueError, match=r"^pair: expected .*, not tuple of str$"):
         call(pair=("a",))
     with pytest.raises(InvalidValueError, match=r"^table: expected a dictionary of .*, not dict of str by int$"):

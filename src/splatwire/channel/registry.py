@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 
 from splatwire.arguments import checked
-from splatwire.channel.loss_models import LossModel
+from splatwire.channel.loss_models import LossModel, draw_checked
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.plugins import Registry, source_of
 

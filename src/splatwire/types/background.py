@@ -31,8 +31,9 @@ def check_background(values: object) -> Background:
         or len(values) != 3
         or not all(type(value) in (int, float) and 0 <= value <= 1 for value in values)
     ):
-        few = isinstance(values, list | tuple) and len(values) <= _MAX_SHOWN
-        text = f"({', '.join(map(shown, values))})" if few else shown(given)
+        text = shown(given)
+        if isinstance(values, list | tuple) and len(values) <= _MAX_SHOWN:
+            text = f"({', '.join(map(shown, values))})"
         raise InvalidValueError(f"a background is three numbers from 0 to 1, not {text}")
     red, green, blue = map(float, values)
     return red, green, blue
