@@ -68,6 +68,38 @@ def test_a_model_folder_has_the_antialiasing_of_its_training(model, run, tmp_pat
     assert is_antialiased(tmp_path / "b.ply")
 
 
+def test_a_ply_in_a_model_folder_has_the_antialiasing_of_its_training(model, monkeypatch):
+    (model / "cfg_args").write_text("Namespace(antialiasing=True)")
+    ply = model / "point_cloud" / "iteration_7000" / "point_cloud.ply"
+    assert antialiased(open_scene(ply))
+    monkeypatch.chdir(ply.parent)
+    assert antialiased(open_scene("point_cloud.ply"))
+    ply.rename(ply.with_name("other.ply"))
+    assert not antialiased(open_scene("other.ply"))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"), [("antialiased: true\nport: 1\n", True), ("antialiased: false\n", False)]
+)
+def test_a_ply_of_gsplat_has_the_antialiasing_of_its_training(tmp_path, text, expected):
+    (tmp_path / "results" / "ply").mkdir(parents=True)
+    ply = tmp_path / "results" / "ply" / "point_cloud_29999.ply"
+    write_splats([some_splats(20, 0)], ply)
+    assert not antialiased(open_scene(ply))
+    (tmp_path / "results" / "cfg.yml").write_text(f"data_dir: /data/mip\n{text}")
+    assert antialiased(open_scene(ply)) is expected
+
+
+@pytest.mark.parametrize("name", ["point_cloud/iteration_30000/deformation.pth", "deform/iteration_30000/deform.pth"])
+def test_networks_that_move_the_gaussians_give_a_warning(model, caplog, name):
+    open_scene(model)
+    assert not caplog.text
+    (model / name).parent.mkdir(parents=True, exist_ok=True)
+    (model / name).touch()
+    open_scene(model)
+    assert "moves the Gaussians in the course of time and is not read" in caplog.text
+
+
 def test_unclear_antialiasing_of_a_training_gives_a_warning(model, caplog):
     (model / "cfg_args").write_text("Namespace(sh_degree=3, kernel_size=0.1, white_background=False)")
     assert not antialiased(open_scene(model))
@@ -119,6 +151,17 @@ def test_study_names_the_kind_of_a_model_folder_that_it_cannot_use(run, tmp_path
     assert done.status == 2
     assert message in done.err
     assert not (tmp_path / "out" / "store").exists()
+
+
+def test_study_refuses_a_model_whose_last_iteration_lacks_its_networks(run, tmp_path):
+    for iteration, name in ((7000, "checkpoint.pth"), (30000, "point_cloud.ply.xz")):
+        folder = tmp_path / "model" / "point_cloud" / f"iteration_{iteration}"
+        folder.mkdir(parents=True)
+        (folder / name).touch()
+    (tmp_path / "one.toml").write_text(PROTOCOL)
+    done = run("study", tmp_path / "one.toml", "-o", tmp_path / "out", "--scene", tmp_path / "model")
+    assert done.status == 2
+    assert "iteration_30000: has no checkpoint.pth" in done.err
 
 
 @pytest.mark.needs_torch

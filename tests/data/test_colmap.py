@@ -42,6 +42,34 @@ def test_text_and_binary_models_give_equal_values(capture, form):
     assert np.array_equal(points.colors, capture.colors.astype(np.float32) / 255)
 
 
+def test_a_ply_of_points_in_place_of_the_table_is_read(capture):
+    folder = capture.write_text()
+    expected = read_points(folder)
+    rows = [" ".join(map(str, (*p, *c))) for p, c in zip(capture.points.tolist(), capture.colors.tolist(), strict=True)]
+    types = [
+        f"property {'uchar' if len(name) > 1 else 'double'} {name}" for name in ("x", "y", "z", "red", "green", "blue")
+    ]
+    lines = ["ply", "format ascii 1.0", "element vertex 5", *types, "end_header", *rows]
+    (folder / "points3D.ply").write_text("\n".join(["ply"]))  # not read beside the table
+    assert np.array_equal(read_points(folder).positions, expected.positions)
+    (folder / "points3D.txt").unlink()
+    (folder / "points3D.ply").write_text("\n".join(lines) + "\n")
+    found = read_points(folder)
+    assert np.array_equal(found.positions, expected.positions)
+    assert np.array_equal(found.colors, expected.colors)
+
+
+@pytest.mark.parametrize("place", ["", "sparse/0"])
+def test_a_list_of_test_views_gives_a_warning(capture, caplog, place):
+    capture.write_images()
+    capture.write_binary()
+    open_dataset(capture.root)
+    assert not caplog.text
+    (capture.root / place / "test.txt").write_text("view_01.png\n")
+    open_dataset(capture.root)
+    assert "test.txt is not read: of the photos in the order of their names, every eighth are test views" in caplog.text
+
+
 def test_simple_pinhole_has_one_focal_length(capture):
     view = read_views(capture.write_binary("SIMPLE_PINHOLE", (31.0, 19.0, 11.0)))[0]
     assert view.K.tolist() == [[31, 0, 19], [0, 31, 11], [0, 0, 1]]

@@ -13,7 +13,10 @@ import pytest
 from random_numbers import Numbers
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import FOURDGS, SPLAT4D, file_kind
+from splatwire.io.formats import write_splats
 from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.dispatch import read_content
+from splatwire.sequence.frame_writer import write_frame_files
 from splatwire.sequence.frames import is_sequence, open_sequence
 from splatwire.sequence.sequence_files import sequence_format_for
 from splatwire.types.metadata import SceneMetadata
@@ -165,6 +168,62 @@ def test_splat4d_keeps_the_frames(tmp_path):
     assert (sequence.num_frames, sequence.rate) == (4, 24.0)
     for frame, expected in zip(sequence.read(), clip(degree=0), strict=True):
         assert_close(frame.splats, expected.splats, scales=0.04, colors=0.06)
+
+
+def scaled_clip(factor):
+    for frame in clip(degree=0):
+        splats = frame.splats
+        yield FileContent(replace(splats, means=splats.means * factor, scales=splats.scales * factor))
+
+
+@needs_splat4d
+def test_positions_of_small_scenes_in_splat4d_are_as_precise_as_their_gaussians(tmp_path):
+    for factor in np.float32([0.1, 0.001]):
+        write(scaled_clip(factor), tmp_path / "a.splat4d")
+        for frame, expected in zip(open_sequence(tmp_path / "a.splat4d").read(), scaled_clip(factor), strict=True):
+            found = frame.splats.select(nearest(frame.splats, expected.splats))
+            np.testing.assert_allclose(found.means, expected.splats.means, atol=0.2 * factor * 0.07)
+
+
+@pytest.mark.parametrize("end", [".4dgs", pytest.param(".splat4d", marks=needs_splat4d)])
+@pytest.mark.parametrize("far", [1e7, 1e12, 1e30])
+def test_a_gaussian_beyond_the_range_of_a_format_is_moved_with_a_warning(tmp_path, caplog, end, far):
+    pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+
+    def frames():
+        for frame in clip(degree=0):
+            means = frame.splats.means.copy()
+            means[7] = (far, 0, -far)
+            yield FileContent(replace(frame.splats, means=means))
+
+    write(frames(), tmp_path / f"a{end}")
+    assert caplog.text.count("1 of 200 Gaussians are up to") == 1
+    others = np.arange(200) != 7
+    for frame, expected in zip(open_sequence(tmp_path / f"a{end}").read(), frames(), strict=True):
+        found = frame.splats.select(nearest(frame.splats, expected.splats.select(others)))
+        np.testing.assert_allclose(found.means, expected.splats.means[others], atol=4e-3)
+
+
+def test_values_that_4dgs_cannot_store_are_one_error(tmp_path):
+    pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+    frame = next(clip(degree=0))
+    scales = np.full_like(frame.splats.scales, 1e-30)
+    with pytest.raises(DatasetError, match=r"a\.4dgs: fourdgs cannot store the values of these Gaussians"):
+        write([FileContent(replace(frame.splats, scales=scales))], tmp_path / "a.4dgs")
+    assert not (tmp_path / "a.4dgs").exists()
+
+
+@pytest.mark.parametrize(("suffix", "same"), [(".spz", True), (".splat", True), (".ply", False), (".glb", False)])
+def test_frame_files_without_world_coordinates_have_one_origin(tmp_path, suffix, same):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    for number in range(3):
+        write_splats([cloud(20, 0)], tmp_path / "in" / f"{number}.ply", origin=(5e5 + 2 * number, 4e6, 0.0))
+    write_frame_files(open_sequence(tmp_path / "in"), tmp_path / "out", suffix, lambda *_: None)
+    contents = [read_content(path) for path in sorted((tmp_path / "out").iterdir())]
+    assert (len({content.origin for content in contents}) == 1) is same
+    centres = [float(content.splats.means[:, 0].mean()) + content.origin[0] for content in contents]
+    np.testing.assert_allclose(np.diff(centres), 2, atol=0.1)
 
 
 @needs_splat4d

@@ -20,6 +20,12 @@ test("invisible characters are left out and long texts are cut", () => {
   assert.deepEqual([found.title.length, found.author, found.license], [500, "", ""]);
 });
 
+test("characters that scripts and emoji need are kept", () => {
+  for (const title of ["\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u0645", "\u{1f468}\u200d\u{1f469}", "\u{1fae8}"]) {
+    assert.equal(textsOf(section(JSON.stringify({ title }))).title, title);
+  }
+});
+
 test("damaged metadata are no texts", () => {
   const damaged = [section(""), section("[1"), section("7"), section("null"), Uint8Array.of(0xff, 0xfe)];
   damaged.push(section(`{"title": "${"a".repeat(1 << 16)}"}`));

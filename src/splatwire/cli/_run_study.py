@@ -24,7 +24,7 @@ from splatwire.evaluation.study import (
     write_size_outputs,
 )
 from splatwire.evaluation.study.slurm_options import SlurmOptions
-from splatwire.files.kinds import HACPP, WITHOUT_GAUSSIANS, file_kind, format_error
+from splatwire.files.kinds import HACPP, WITHOUT_GAUSSIANS, file_kind, format_error, last_iteration
 from splatwire.files.names import real_path
 
 BUNDLED = "bundled"
@@ -111,9 +111,10 @@ def _kind_of(source: Path) -> str:
     if kind is not HACPP:
         return "stream" if is_stream(source) else "scene"
     # Folders of HAC++ and Scaffold-GS are told apart by this file: Scaffold-GS writes its networks as `*_mlp.pt`.
-    if not any(source.glob("point_cloud/iteration_*/checkpoint.pth")):
+    iteration = last_iteration(source) or source
+    if not (iteration / "checkpoint.pth").is_file():
         raise InvalidValueError(
-            f"{source}: has no checkpoint.pth, in which HAC++ writes its networks; a model of Scaffold-GS becomes a "
+            f"{iteration}: has no checkpoint.pth, in which HAC++ writes its networks; a model of Scaffold-GS becomes a "
             "scene file with `splatwire import scaffold`"
         )
     return "model"

@@ -13,7 +13,7 @@ from splatwire.data._checks import pinhole
 from splatwire.data._colmap_types import RawCamera, RawImage
 from splatwire.data.fisheye import DivisionLens, EucmLens, FisheyeLens, FovLens, RadTanThinPrismLens
 from splatwire.data.lens import NO_LENS, Lens, LensModel
-from splatwire.data.point_cloud import SparsePoints, positions_from
+from splatwire.data.point_cloud import SparsePoints, positions_from, read_point_cloud
 from splatwire.errors import DatasetError
 from splatwire.files.colmap_folders import SUFFIXES, has_table, reconstructions
 from splatwire.ops.quaternions import rotation_rows
@@ -185,6 +185,8 @@ def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
 def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None:
     """Reads the sparse points of a COLMAP reconstruction; returns None if there is no file of points.
 
+    Some programs write a `points3D.ply` in place of COLMAP's table; it is read if there is no table.
+
     Args:
         folder: Folder of the reconstruction.
         origin: World coordinates that the positions of the result are relative to.
@@ -193,7 +195,8 @@ def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None
         DatasetError: If the file is damaged or a point is not finite.
     """
     if not has_table(folder, "points3D"):
-        return None
+        cloud = folder / "points3D.ply"
+        return read_point_cloud(cloud, origin) if cloud.is_file() else None
     positions, colors = _read(folder, "points3D")
     positions = positions_from(positions, origin)
     if not np.isfinite(positions).all():

@@ -36,6 +36,8 @@ from splatwire.types.shapes import indices_of
 LOG = logging.getLogger(__name__)
 SPLITS = ("test", "train", "all")
 TEST_VIEWS = ("every_8th", "first_31")
+_RULE_TEXTS = {"every_8th": "every eighth", "first_31": "the first 31"}
+"""Test views by rule, for messages."""
 LAYOUTS = ("colmap", "bungeenerf", "blender", "nerfstudio")
 DEFAULT_MAX_WIDTH = 1600
 _POSE_FILES = {
@@ -44,6 +46,11 @@ _POSE_FILES = {
     "nerfstudio": ("transforms.json",),
 }
 """Names of the JSON files with the poses, by layout."""
+_SPLIT_LISTS = (
+    *("test.txt", "test_list.txt", "list_test.txt", "test_images.txt", "test_filenames.txt"),
+    *("train_test_lists.json", "train_test_split.json", "split.json", "splits.json"),
+)
+"""Names of files in which other programs list the test views of a COLMAP dataset; 3DGS has `sparse/0/test.txt`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +182,7 @@ def open_dataset(
     if folder is not None:
         warn_of_other_reconstructions(path, folder)
         _warn_of_unread_transforms(path, folder)
+        _warn_of_unread_splits(path, folder, chosen)
         in_root = images is None and not (path / "images").is_dir() and _expects_photos_in_root(path, folder)
         views, image_paths = _colmap_views(folder, path if in_root else path / (images or "images"), split, chosen)
         cloud, source = None, folder
@@ -215,6 +223,24 @@ def _warn_of_unread_transforms(path: Path, folder: Path) -> None:
             "%s: the poses of the COLMAP reconstruction %s are read, those of %s are not: to read these, name the file "
             "%s in place of the folder",
             path, folder, " and ".join(names), path / names[0],
+        )  # fmt: skip
+
+
+def _warn_of_unread_splits(path: Path, folder: Path, test_views: str) -> None:
+    """Logs a warning if a dataset has a list of test views, which is not read.
+
+    Args:
+        path: Folder of the dataset.
+        folder: Folder of the reconstruction.
+        test_views: Rule that selects the test views, one of `TEST_VIEWS`.
+    """
+    lists = [
+        place / name for place in dict.fromkeys((folder, path)) for name in _SPLIT_LISTS if (place / name).is_file()
+    ]
+    if lists:
+        LOG.warning(
+            "%s: its list of views %s is not read: of the photos in the order of their names, %s are test views",
+            path, lists[0], _RULE_TEXTS[test_views],
         )  # fmt: skip
 
 

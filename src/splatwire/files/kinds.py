@@ -300,6 +300,16 @@ def trained_ply(folder: Path) -> Path | None:
     return None
 
 
+def last_iteration(model: Path) -> Path | None:
+    """Returns the folder `point_cloud/iteration_N` of a model folder with the highest N; None without such a folder."""
+    folders = {
+        number: folder
+        for folder in (model / _POINT_CLOUD).glob("iteration_*")
+        if (number := _iteration(folder)) is not None and folder.is_dir()
+    }
+    return folders[max(folders)] if folders else None
+
+
 def _contains_anchors(folder: Path) -> bool:
     """True if an iteration of a model folder has files of HAC++ or Scaffold-GS: networks, or a PLY of anchors."""
     for iteration in (folder / _POINT_CLOUD).glob("iteration_*"):

@@ -1,5 +1,6 @@
-"""Training arguments (`cfg_args`), which programs based on 3DGS write into their model folders."""
+"""Training arguments in model folders: `cfg_args` of programs based on 3DGS, and `cfg.yml` of gsplat."""
 
+import os
 import re
 from pathlib import Path
 
@@ -9,12 +10,19 @@ from splatwire.io.formats.ply_comments import states_antialiasing, warn_of_uncle
 from splatwire.types.background import BLACK, WHITE, Background
 
 ARGUMENTS = "cfg_args"
-"""Name of the file."""
+"""Name of the file of 3DGS."""
+_GSPLAT_ARGUMENTS = "cfg.yml"
+"""Name of the file of gsplat. It is in the folder above the PLY's folder."""
+_TRAINED_PLY = re.compile(r"point_cloud/iteration_\d+/point_cloud\.ply")
+_GSPLAT_PLY = re.compile(r"ply/point_cloud_\d+\.ply")
+"""Patterns of the end of the path of a trained PLY, of 3DGS and of gsplat."""
 MODEL_DEPTH = 3
 """Number of folders from a trained PLY up to its model folder: `iteration_N`, `point_cloud`, the model."""
 _MAX_BYTES = 1 << 20
 _ARGUMENT = re.compile(r"\b(\w+)=('[^']*'|\"[^\"]*\"|[^\s,()]+)")
 """Pattern of an argument with its value, such as `eval=True`."""
+_YAML_ARGUMENT = re.compile(r"^(\w+): *(\S.*)$", re.MULTILINE)
+"""Pattern of an argument in YAML, such as `antialiased: true`."""
 _PATH = re.compile(r"path|dir|images|name", re.I)
 """Pattern of the names of arguments whose values are paths."""
 
@@ -39,16 +47,34 @@ def load_background(model_dir: Path) -> Background:
     return WHITE if re.search(r"\bwhite_background=True\b", text) else BLACK
 
 
-def load_antialiasing(model_dir: Path) -> bool:
-    """True if `cfg_args` states that the training used antialiasing; logs a warning about unclear arguments.
+def load_antialiasing(ply: Path) -> bool:
+    """True if the training arguments near a trained PLY state antialiasing; logs a warning about unclear arguments.
+
+    Args:
+        ply: The PLY. Its place shows the model folder: `point_cloud/iteration_N/point_cloud.ply` of 3DGS, or
+            `ply/point_cloud_N.ply` of gsplat. For any other place the result is False.
 
     Raises:
-        DatasetError: If `cfg_args` cannot be read.
+        DatasetError: If the arguments cannot be read.
     """
-    path = model_dir / ARGUMENTS
-    text = read_arguments(path) if path.is_file() else ""
-    arguments = [
-        f"{match[1][:80]}: {match[2][:80]}" for match in _ARGUMENT.finditer(text) if not _PATH.search(match[1])
-    ]
-    warn_of_unclear_antialiasing(path, arguments, "argument")
+    path, pattern = _arguments_of(Path(os.path.abspath(ply)))
+    text = read_arguments(path) if path is not None and path.is_file() else ""
+    arguments = [f"{match[1][:80]}: {match[2][:80]}" for match in pattern.finditer(text) if not _PATH.search(match[1])]
+    if path is not None:
+        warn_of_unclear_antialiasing(path, arguments, "argument")
     return states_antialiasing(arguments)
+
+
+def _arguments_of(ply: Path) -> tuple[Path | None, re.Pattern[str]]:
+    """Returns the path of the training arguments of a trained PLY, and the pattern of an argument in this file.
+
+    The path is None for any other PLY.
+
+    Args:
+        ply: Absolute path of the PLY.
+    """
+    if _TRAINED_PLY.fullmatch("/".join(ply.parts[-MODEL_DEPTH:])):
+        return ply.parents[MODEL_DEPTH - 1] / ARGUMENTS, _ARGUMENT
+    if _GSPLAT_PLY.fullmatch("/".join(ply.parts[-2:])):
+        return ply.parents[1] / _GSPLAT_ARGUMENTS, _YAML_ARGUMENT
+    return None, _ARGUMENT

@@ -13,7 +13,8 @@ from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.concealment.temporal.concealers import DEFAULT, temporal_concealer
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats import format_for, write_splats
-from splatwire.io.formats.dispatch import warn_of_background
+from splatwire.io.formats.content import relative_to_first
+from splatwire.io.formats.dispatch import has_world_coordinates, warn_of_background
 from splatwire.io.formats.outliers import Outliers
 from splatwire.ops.spherical_harmonics import num_functions
 from splatwire.sequence.decoding import SequenceFrame, decode_frame, decode_frames
@@ -103,6 +104,9 @@ def write_frames(
 def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Report) -> int:
     """Writes one file of explicit Gaussians per frame of a sequence, and returns the number of files.
 
+    If a format has no world coordinates, all files have the origin of the first frame: other programs do not read
+    origins, and would draw frames with different ones at different places.
+
     Args:
         sequence: The frames.
         folder: Output folder.
@@ -110,7 +114,8 @@ def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Rep
         report: Called with the name of the current task and its completed fraction, 0 to 1.
     """
     width, written = len(str(sequence.num_frames - 1)), 0
-    for frame in sequence.read():
+    frames = sequence.read() if has_world_coordinates(format_for(f"x{suffix}")) else relative_to_first(sequence.read())
+    for frame in frames:
         name = folder / f"frame_{written:0{width}}{suffix}"
         write_splats(
             [_never_empty(frame.splats.select(frame.drawn), name)],

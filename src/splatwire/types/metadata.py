@@ -2,8 +2,9 @@
 
 import logging
 import math
+import re
 import unicodedata
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -14,10 +15,16 @@ from splatwire.types.origin import Origin, describe_origin
 LOG = logging.getLogger(__name__)
 MAX_TEXT = 500
 """Maximum number of characters of a text; longer texts are truncated."""
+_TEXTS = ("title", "author", "license")
+"""Names of the fields that are texts."""
 UP_AXES = ("x", "-x", "y", "-y", "z", "-z")
 """Possible up axes, in the coordinate system of a 3DGS PLY; `-y` is up in most scenes."""
 _MAX_COORDINATE = 1e12
 _MIN_LENGTH = 1e-6
+_JOINERS = "\u200c\u200d"
+"""Invisible characters that Persian, Indic scripts and emoji need between visible ones."""
+_LOOSE_JOINERS = re.compile(f"(?<!\\S)[{_JOINERS}]+|[{_JOINERS}]+(?!\\S)|(?<=[{_JOINERS}])[{_JOINERS}]+")
+"""Pattern of such characters that are not between two visible ones."""
 Vector = tuple[float, float, float]
 
 
@@ -126,7 +133,8 @@ NO_METADATA = SceneMetadata()
 def metadata_to_json(metadata: SceneMetadata) -> dict[str, Any]:
     """Returns a JSON object with the fields of the metadata that have a value."""
     fields: dict[str, Any] = {name: getattr(metadata, name) for name in metadata.known()}
-    for name in {"title", "author", "license"} & set(fields):
+    warn_of_long_texts(fields, "the scene")
+    for name in set(_TEXTS) & set(fields):
         fields[name] = clean_text(fields[name])
     if metadata.view is not None:
         fields["view"] = list(metadata.view.numbers())
@@ -146,6 +154,8 @@ def metadata_from_json(content: object, source: object = None) -> SceneMetadata:
         if content is not None and source is not None:
             LOG.warning("%s: its metadata are %s, not a JSON object: they are left out", source, shown(content))
         return NO_METADATA
+    if source is not None:
+        warn_of_long_texts(content, source)
     fields: dict[str, Any] = {}
     for name in _PARSERS:
         if content.get(name) is None:
@@ -156,6 +166,18 @@ def metadata_from_json(content: object, source: object = None) -> SceneMetadata:
             if source is not None:
                 LOG.warning("%s: '%s' of its metadata is left out: %s", source, name, error)
     return SceneMetadata(**fields)
+
+
+def warn_of_long_texts(content: Mapping[str, object], source: object) -> None:
+    """Logs a warning about each text of metadata that is too long and will be cut.
+
+    Args:
+        content: Metadata as a JSON object.
+        source: Name of their source, for the message.
+    """
+    for name in _TEXTS:
+        if len(clean_text(content.get(name), MAX_TEXT + 1)) > MAX_TEXT:
+            LOG.warning("%s: '%s' of its metadata is longer than %d characters and cut", source, name, MAX_TEXT)
 
 
 def parse_field(name: str, value: object) -> Any:
@@ -209,16 +231,23 @@ _PARSERS: dict[str, Callable[[Any], Any]] = {
 """Parser of each field of metadata."""
 
 
-def clean_text(value: object) -> str:
-    """Returns a text as one line without control characters, at most `MAX_TEXT` long.
+def clean_text(value: object, max_length: int = MAX_TEXT) -> str:
+    """Returns a text as one line without control characters, at most `max_length` long.
 
     Other types give an empty text.
     """
     if not isinstance(value, str):
         return ""
-    text = "".join(" " if unicodedata.category(char) in ("Cc", "Zl", "Zp") else char for char in value[: 4 * MAX_TEXT])
-    text = "".join(char for char in text if unicodedata.category(char) not in ("Cf", "Cs", "Co", "Cn"))
-    return " ".join(text.split())[:MAX_TEXT].strip()
+    start = value[: 4 * MAX_TEXT]
+    text = "".join(" " if unicodedata.category(char) in ("Cc", "Zl", "Zp") else char for char in start)
+    text = "".join(char for char in text if char in _JOINERS or not _is_invisible(char))
+    return " ".join(_LOOSE_JOINERS.sub("", text).split())[:max_length].strip(f" {_JOINERS}")
+
+
+def _is_invisible(char: str) -> bool:
+    """True for characters that are invisible or have no meaning; some of them can reorder or hide others."""
+    code = ord(char)
+    return unicodedata.category(char) in ("Cf", "Cs", "Co") or code & 0xFFFE == 0xFFFE or 0xFDD0 <= code <= 0xFDEF
 
 
 def _is_coordinate(value: object) -> bool:

@@ -579,6 +579,30 @@ def test_unclear_antialiasing_of_the_last_of_many_primitives_gives_a_warning(
     assert caplog.text.count("is not understood") == 1
 
 
+def test_a_warning_about_one_primitive_says_how_the_scene_is_drawn(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    document, binary = document_of(glb(some_splats(20, 0)))
+    first = document["meshes"][0]["primitives"][0]
+    document["meshes"][0]["primitives"] = [{**first, "extras": {"antialiased": value}} for value in ("maybe", True)]
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary))
+    assert is_antialiased(tmp_path / "a.glb")
+    assert "'antialiased: maybe' is not understood: the scene is drawn with antialiasing" in caplog.text
+    assert "without" not in caplog.text
+
+
+def test_many_nodes_give_one_warning_of_each_kind(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    document, binary = document_of(glb(some_splats(20, 1)))
+    wide = [2, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    hidden = {"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": False}}}
+    document["nodes"] = [hidden, hidden, *({"mesh": 0, "matrix": wide, "scale": [1, 1, 1]} for _ in range(30))]
+    document["scenes"] = [{"nodes": list(range(32))}]
+    opened(glb_of(document, binary), tmp_path / "a.glb")
+    assert len(caplog.messages) == 3
+    assert "node 0 (and 1 more) and those below it are hidden" in caplog.text
+    assert caplog.text.count("node 2 (and 29 more)") == 2
+
+
 def test_primitives_that_disagree_about_antialiasing_give_a_warning(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -177,9 +177,24 @@ def test_views_that_cannot_be_read_give_a_warning(
 
 
 def test_comments_with_a_colon_precede_those_without() -> None:
-    assert stated_metadata(["license: CC0", "Copyright 2024 A. B."]).license == "CC0"
     assert stated_metadata(["author Jane", "credit City Museum"]).author == "Jane"
     assert stated_metadata(["SPDX-License-Identifier: CC0-1.0", "CC BY 4.0"]).license == "CC0-1.0"
+
+
+@pytest.mark.parametrize(
+    ("comments", "expected"),
+    [
+        (["Copyright 2024 A. B.", "license: CC0"], SceneMetadata(license="CC0; Copyright 2024 A. B.")),
+        (["license: MIT", "license: Apache-2.0", "license: MIT"], SceneMetadata(license="MIT; Apache-2.0")),
+        (["license MIT", "(c) Jane"], SceneMetadata(license="MIT; (c) Jane")),
+        (["author: Jane", "author: Joe"], SceneMetadata(author="Jane; Joe")),
+        (["by Jane", "by Joe"], SceneMetadata(author="Jane; Joe")),
+        (["title: Garden", "name: point_cloud"], SceneMetadata("Garden")),
+        (["title: Garden", "title: House"], SceneMetadata("House")),
+    ],
+)
+def test_fields_that_are_stated_several_times_are_kept(comments: list[str], expected: SceneMetadata) -> None:
+    assert stated_metadata(comments) == expected
 
 
 @pytest.mark.parametrize(
@@ -193,6 +208,40 @@ def test_metadata_texts_are_one_printable_line() -> None:
     assert clean_text("a\x1b[31m\nb\u202e\u200bc\t d ") == "a [31m bc d"
     assert len(clean_text("x" * 10_000)) == MAX_TEXT
     assert clean_text(7) == ""
+
+
+@pytest.mark.parametrize(
+    "text", ["\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u0645", "\U0001f468\u200d\U0001f469", "\U0001fae8 \U0001fbff"]
+)
+def test_characters_that_scripts_and_emoji_need_are_kept(text: str) -> None:
+    assert clean_text(text) == text
+
+
+def test_joiners_are_left_out_where_they_join_nothing() -> None:
+    assert clean_text("\u200da \u200d b\u200c\u200dc\u200d") == "a b\u200cc"
+    assert clean_text("\u200d") == ""
+    assert clean_text("a" * (MAX_TEXT - 1) + "\u200db") == "a" * (MAX_TEXT - 1)
+    assert clean_text("a\ufffe\ufdd0b") == "ab"
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_texts_that_are_cut_give_a_warning(end: str, tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_splats([some_splats(30, 0)], tmp_path / f"a{end}", metadata=SceneMetadata("x" * MAX_TEXT))
+    assert read_content(tmp_path / f"a{end}").metadata.title == "x" * MAX_TEXT
+    assert not caplog.text
+    write_splats([some_splats(30, 0)], tmp_path / f"a{end}", metadata=SceneMetadata("x" * 501))
+    assert "'title' of its metadata is longer than 500 characters and cut" in caplog.text
+
+
+def test_long_texts_in_files_of_other_programs_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    write_splats([some_splats(20, 0)], tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(data.replace(b"element", b"comment license: " + b"x" * 501 + b"\nelement", 1))
+    assert read_content(tmp_path / "a.ply").metadata.license == "x" * MAX_TEXT
+    write(tmp_path / "a.glb", glb(some_splats(5, 0), {"asset": {"version": "2.0", "copyright": "x" * 501}}))
+    assert read_content(tmp_path / "a.glb").metadata.license == "x" * MAX_TEXT
+    assert [str(tmp_path / f"a{end}") in caplog.text for end in (".ply", ".glb")] == [True, True]
+    assert caplog.text.count("'license' of its metadata is longer than 500 characters") == 2
 
 
 def test_metadata_texts_cannot_forge_a_header(tmp_path: Path) -> None:
@@ -211,6 +260,12 @@ def test_metadata_texts_cannot_forge_a_header(tmp_path: Path) -> None:
             {"extras": {"author": "Ana (https://example.org/ana)", "license": "CC-BY-4.0", "title": "Garden", "x": 1}},
             SceneMetadata("Garden", "Ana (https://example.org/ana)", "CC-BY-4.0"),
         ),
+        (
+            {"copyright": "(c) Ana", "extras": {"author": "Ben", "license": "CC0"}},
+            SceneMetadata(author="Ben", license="CC0; (c) Ana"),
+        ),
+        ({"copyright": "(c) Ana", "extras": {"author": "Ben"}}, SceneMetadata(author="Ben", license="(c) Ana")),
+        ({"copyright": "Ben", "extras": {"author": "Ben"}}, SceneMetadata(author="Ben")),
         ({"extras": [], "copyright": 3}, NO_METADATA),
         ({"extras": {"title": {}, "splatwire": {"up": 3, "view": "x", "orbit": [1, 2]}}}, NO_METADATA),
     ],
@@ -220,6 +275,35 @@ def test_gltf_assets_of_other_programs_are_read(
 ) -> None:
     path = write(tmp_path / "a.glb", glb(some_splats(5, 0), {"asset": {"version": "2.0", **asset}}))
     assert read_content(path).metadata == expected
+
+
+XMP = {
+    "dc:title": {"@type": "rdf:Alt", "rdf:_1": {"@language": "en-us", "@value": "Garden"}},
+    "dc:creator": {"@list": ["Ana", "Ben"]},
+    "dc:rights": "CC0",
+}
+
+
+@pytest.mark.parametrize("name", ["KHR_xmp_json_ld", "KHR_xmp"])
+@pytest.mark.parametrize(
+    ("packets", "expected"),
+    [
+        ([{}, XMP], SceneMetadata("Garden", "Ana; Ben", "CC0")),
+        ([{}, {"dc:title": 3, "dc:creator": [{"@value": "Ana"}], "dc:rights": {}}], SceneMetadata(author="Ana")),
+        ([XMP], NO_METADATA),
+        ([{}, []], NO_METADATA),
+        ({}, NO_METADATA),
+    ],
+)
+def test_xmp_packets_of_gltf_are_read(
+    name: str, packets: object, expected: SceneMetadata, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    asset = {"version": "2.0", "extensions": {name: {"packet": 1}}}
+    path = write(
+        tmp_path / "a.glb", glb(some_splats(5, 0), {"asset": asset, "extensions": {name: {"packets": packets}}})
+    )
+    assert read_content(path).metadata == expected
+    assert not caplog.text
 
 
 def test_gltf_asset_contains_the_copyright_notice(tmp_path: Path) -> None:

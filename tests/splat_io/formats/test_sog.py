@@ -290,8 +290,20 @@ def test_an_antialias_flag_may_be_a_number(
     assert ("antialias 'yes' is not a boolean" in caplog.text) == (flag == "yes")
 
 
+def test_the_antialiasing_flag_has_both_names_when_written(tmp_path: Path) -> None:
+    meta = json.loads(_files(tmp_path / "a.sog", some_splats(70, 0), antialiased=True)["meta.json"])
+    assert (meta["antialias"], meta["model"]) == (True, "antialiased")
+    assert "model" not in json.loads(_files(tmp_path / "a.sog", some_splats(70, 0))["meta.json"])
+
+
 @pytest.mark.parametrize(
-    "fields", [{"antialiased": True}, {"SplatRenderMode": "mip"}, {"asset": {"extras": {"aa": 1}}}]
+    "fields",
+    [
+        {"antialiased": True},
+        {"SplatRenderMode": "mip"},
+        {"asset": {"extras": {"aa": 1}}},
+        {"model": "antialiased"},
+    ],
 )
 def test_antialiasing_under_another_name_is_read(fields: dict[str, object], tmp_path: Path) -> None:
     files = _files(tmp_path / "a.sog", some_splats(70, 0))

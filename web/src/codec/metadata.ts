@@ -5,8 +5,8 @@ const MAX_TEXT = 500;
 /** Largest size of the section, bytes. */
 const MAX_BYTES = 1 << 16;
 const SPACES = /[\p{Cc}\p{Zl}\p{Zp}]/gu;
-/** Invisible characters, which can reorder or hide others. */
-const INVISIBLE = /[\p{Cf}\p{Cs}\p{Co}\p{Cn}]/gu;
+/** Invisible characters, which can reorder or hide others; not the joiners, which scripts and emoji need. */
+const INVISIBLE = /(?![\u200c\u200d])[\p{Cf}\p{Cs}\p{Co}\p{Noncharacter_Code_Point}]/gu;
 
 export interface Texts {
   readonly title: string;

@@ -16,6 +16,10 @@ _OWN = "splatwire"
 ORIGIN = "origin"
 """Field of this object with the origin in SOG and SPZ, three numbers."""
 _TEXTS = ("title", "author", "license")
+_XMP = ("KHR_xmp_json_ld", "KHR_xmp")
+"""Extensions with XMP packets; the second one is deprecated."""
+_XMP_FIELDS = (("title", "dc:title"), ("author", "dc:creator"), ("license", "dc:rights"))
+"""Fields of metadata and the XMP properties that they are read from."""
 
 
 def asset_of(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> dict[str, Any]:
@@ -53,9 +57,53 @@ def metadata_of_asset(asset: object, path: Path) -> SceneMetadata:
     extras = extras_value if isinstance(extras_value, dict) else {}
     own_fields = extras.get(_OWN)
     texts = {name: extras[name] for name in _TEXTS if name in extras}
-    if not {"author", "license"} & set(texts) and clean_text(asset.get("copyright")):
-        texts["license"] = asset["copyright"]
+    stated = [text for name in ("author", "license") if (text := clean_text(texts.get(name)))]
+    copyright_notice = clean_text(asset.get("copyright"))
+    if copyright_notice and copyright_notice not in (*stated, clean_text(", ".join(stated))):
+        license_text = clean_text(texts.get("license"))
+        texts["license"] = f"{license_text}; {copyright_notice}" if license_text else copyright_notice
     return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts, path)
+
+
+def metadata_of_xmp(document: dict[str, Any], path: Path) -> SceneMetadata:
+    """Parses title, creator and rights in the XMP packet of a glTF document (extension KHR_xmp_json_ld).
+
+    Args:
+        document: The document.
+        path: The file, for warnings.
+    """
+    for name in _XMP:
+        used, packets = (_extension(part, name) for part in (document.get("asset"), document))
+        index, entries = used.get("packet"), packets.get("packets")
+        if type(index) is int and isinstance(entries, list) and 0 <= index < len(entries):
+            packet = entries[index]
+            fields = (
+                {field: _xmp_texts(packet.get(key)) for field, key in _XMP_FIELDS} if isinstance(packet, dict) else {}
+            )
+            return metadata_from_json({field: "; ".join(texts) for field, texts in fields.items() if texts}, path)
+    return NO_METADATA
+
+
+def _extension(part: object, name: str) -> dict[str, Any]:
+    """Returns the content of an extension of a glTF object; empty without it."""
+    extensions = part.get("extensions") if isinstance(part, dict) else None
+    content = extensions.get(name) if isinstance(extensions, dict) else None
+    return content if isinstance(content, dict) else {}
+
+
+def _xmp_texts(value: object) -> list[str]:
+    """Returns the texts of an XMP property: a text, a list, or the first language of several."""
+    if isinstance(value, dict):
+        keys = ("@value", "@list", "@set", "rdf:_1")
+        return _xmp_texts(next((value[key] for key in keys if key in value), None))
+    texts = [text for one in (value if isinstance(value, list) else [value]) for text in _flat(one)]
+    return list(dict.fromkeys(texts))
+
+
+def _flat(value: object) -> list[str]:
+    if isinstance(value, dict):
+        value = value.get("@value")
+    return [text] if (text := clean_text(value)) else []
 
 
 def origin_of_asset(asset: object, path: Path) -> Origin:

@@ -47,6 +47,8 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
         return [Instance(mesh, np.eye(4), None) for mesh in range(len(document.get("meshes", [])))]
     waiting = [(root, np.eye(4)) for root in reversed(_roots(path, document, nodes))]
     seen: set[int] = set()
+    hidden: list[int] = []
+    mixed: dict[int, list[str]] = {}
     instances: list[Instance] = []
     while waiting:
         index, above = waiting.pop()
@@ -55,8 +57,10 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
             raise DatasetError(f"{path}: node {index} has two parents, or is below itself")
         seen.add(index)
         if node.get("extensions", {}).get(VISIBILITY, {}).get("visible") is False:
-            LOG.warning("%s: node %d and those below it are hidden by %s and left out", path, index, VISIBILITY)
+            hidden.append(index)
             continue
+        if "matrix" in node and (ignored := [name for name in _PARTS if name in node]):
+            mixed[index] = ignored
         matrix = above @ _local(path, index, node)
         if "mesh" in node:
             if _INSTANCING in node.get("extensions", {}):
@@ -64,9 +68,28 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
             entry(path, document.get("meshes", []), node["mesh"], "mesh")
             instances.append(Instance(node["mesh"], matrix, index))
         waiting += [(child, matrix) for child in reversed(node.get("children", []))]
+    if hidden:
+        LOG.warning(
+            "%s: %s and those below it are hidden by %s and left out", path, described_nodes(hidden), VISIBILITY
+        )
+    if mixed:
+        LOG.warning(
+            "%s: %s has a matrix and also %s, which glTF does not allow: only the matrix is applied",
+            path, described_nodes(list(mixed)), ", ".join(next(iter(mixed.values()))),
+        )  # fmt: skip
     if len(instances) > MAX_INSTANCES:
         raise DatasetError(f"{path}: its nodes show {len(instances):,} meshes, at most {MAX_INSTANCES:,} are read")
     return instances
+
+
+def described_nodes(indices: list[int | None]) -> str:
+    """Returns the first of several nodes and the number of the others, for a message.
+
+    Args:
+        indices: Indices of at least one node.
+    """
+    others = f" (and {len(indices) - 1:,} more)" if len(indices) > 1 else ""
+    return f"node {indices[0]}{others}"
 
 
 def entry(path: Path, items: list[Any], index: Any, subject: str) -> Any:
@@ -104,11 +127,6 @@ def _local(path: Path, index: int, node: dict[str, Any]) -> np.ndarray:
         matrix = _numbers(path, index, node, "matrix", 16, None).reshape(4, 4).T
         if not np.array_equal(matrix[3], (0, 0, 0, 1)):
             raise DatasetError(f"{path}: the matrix of node {index} is no affine map")
-        if ignored := [name for name in _PARTS if name in node]:
-            LOG.warning(
-                "%s: node %d has a matrix and also %s, which glTF does not allow: only the matrix is applied",
-                path, index, ", ".join(ignored),
-            )  # fmt: skip
         return matrix
     matrix = np.eye(4)
     turn = np.roll(_numbers(path, index, node, "rotation", 4, (0.0, 0.0, 0.0, 1.0)), 1)

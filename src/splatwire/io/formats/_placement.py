@@ -167,13 +167,26 @@ def warn_of_unused_comments(path: Path, comments: Iterable[str], keyword: str) -
 
 
 def warn_of_files_beside(path: Path) -> None:
-    """Logs a warning about files next to a PLY that state a shift of its positions (Pix4D, Metashape, DJI Terra)."""
+    """Logs a warning about files near a PLY that move its Gaussians.
+
+    They state a shift of the positions (Pix4D, Metashape, DJI Terra), or are networks of a moving scene in a model
+    folder (4DGaussians, Deformable 3D Gaussians).
+    """
     folder = path.parent
     beside = [folder / name for name in (f"{path.stem}_offset.xyz", "offset.xyz", f"{path.stem}_origin.json")]
     file_names = [file.name for file in beside if file.is_file()]
     survey = folder / "metadata.xml"
     if survey.is_file() and b"<SRSOrigin>" in read_at_most(survey, _SURVEY_BYTES, DatasetError):
         file_names.append(survey.name)
+    moving = (
+        [folder / name for name in ("deformation.pth", "deform.pth")] if folder.name.startswith("iteration_") else []
+    )
+    moving += [folder.parents[1] / "deform"] if moving and folder.parent.name == "point_cloud" else []
+    if found := [file for file in moving if file.exists()]:
+        LOG.warning(
+            "%s: %s near it moves the Gaussians in the course of time and is not read: the scene does not move",
+            path, found[0].name,
+        )  # fmt: skip
     if file_names:
         LOG.warning(
             "%s: %s beside it may have a shift of the positions: it is left out, positions are read as they are in "

@@ -120,7 +120,7 @@ def content_of_chunks(elements: dict[str, PlyElement]) -> FileContent:
             path, describe_origin(offset), describe_origin(has_bounds),
         )  # fmt: skip
     origin = check_origin([stated + chosen for stated, chosen in zip(offset, has_bounds, strict=True)])
-    metadata = stated_metadata(chunks.comments).moved_origin(NO_ORIGIN, has_bounds)
+    metadata = stated_metadata(chunks.comments, path).moved_origin(NO_ORIGIN, has_bounds)
     return FileContent(splats, origin, states_antialiasing(chunks.comments), metadata)
 
 

@@ -1,7 +1,7 @@
 """Content of a file of explicit Gaussians: the Gaussians and scene properties."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
@@ -54,6 +54,14 @@ class FileContent(CheckedFields):
         if self.origin != NO_ORIGIN:
             return self
         return self.relative_to(choose_origin(self.splats.means, low_thresholds=False))
+
+
+def relative_to_first(frames: Iterable[Content]) -> Iterator[Content]:
+    """Yields the frames of a sequence with positions relative to the origin of the first frame."""
+    origin = None
+    for frame in frames:
+        origin = frame.origin if origin is None else origin
+        yield frame.relative_to(origin)
 
 
 def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:

@@ -46,7 +46,7 @@ from splatwire.io.formats.outliers import DEFAULT, Outliers, check_outliers
 from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, warn_of_other_gaussians, write_ply
 from splatwire.io.formats.ply_file import read_ply_elements
 from splatwire.io.formats.ply_steps import PlySteps
-from splatwire.io.model_arguments import MODEL_DEPTH, load_antialiasing
+from splatwire.io.model_arguments import load_antialiasing
 from splatwire.plugins import source_of
 from splatwire.types.background import BLACK, Background
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
@@ -182,17 +182,21 @@ def read_rows(path: Path) -> tuple[FileContent, ElementValidity]:
 
 
 def _read_model(folder: Path) -> FileContent:
-    """Reads the PLY of the last iteration in a 3DGS model folder, with the antialiasing of its training.
+    """Reads the PLY of the last iteration in a 3DGS model folder.
 
     Args:
         folder: The model folder, its folder `point_cloud`, or an `iteration_N` in it.
     """
-    ply = _last_iteration(folder)
-    content, folders = _read_ply(ply), Path(os.path.abspath(ply)).parents
-    if content.antialiased or len(folders) < MODEL_DEPTH:
+    return _read_ply(_last_iteration(folder))
+
+
+def _read_ply(path: Path) -> FileContent:
+    """Reads a PLY, with the antialiasing that the PLY or the training arguments of its model folder state."""
+    content = _read_plain_ply(path)
+    if content.antialiased:
         return content
     try:
-        return replace(content, antialiased=load_antialiasing(folders[MODEL_DEPTH - 1]))
+        return replace(content, antialiased=load_antialiasing(path))
     except (DatasetError, OSError) as error:
         LOG.warning("%s; the scene is drawn without antialiasing", error)
         return content
@@ -210,7 +214,7 @@ def _last_iteration(folder: Path) -> Path:
     return path
 
 
-def _read_ply(path: Path) -> FileContent:
+def _read_plain_ply(path: Path) -> FileContent:
     elements = read_ply_elements(path)
     warn_of_files_beside(path)
     vertices = elements.get("vertex")
@@ -398,7 +402,7 @@ def storable_properties(
         LOG.warning("%s: such files cannot ask for antialiasing, as the scene does: PLY, SPZ and SOG can", path)
     if origin != NO_ORIGIN and "origin" in file_format.write_options:
         properties["origin"] = origin
-    if origin != NO_ORIGIN and ("origin" not in properties or file_format.name in _OWN_ORIGIN):
+    if origin != NO_ORIGIN and not has_world_coordinates(file_format):
         where = "only splatwire reads from such files" if "origin" in properties else "such files do not hold"
         LOG.warning(
             "%s: positions are relative to the scene's origin (%s), which %s; PLY and glTF have world coordinates",
@@ -409,6 +413,11 @@ def storable_properties(
     elif stated:
         LOG.warning("%s: such files have no place for metadata: %s will be lost", path, ", ".join(stated))
     return properties
+
+
+def has_world_coordinates(file_format: FileFormat) -> bool:
+    """True if files of a format have positions that other programs read as world coordinates, as PLY and glTF."""
+    return "origin" in file_format.write_options and file_format.name not in _OWN_ORIGIN
 
 
 def warn_of_antialiasing_in_extras(path: Path) -> None:

@@ -22,7 +22,8 @@ from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.io.formats._columns import build_splats, check_count, concatenate
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats._sequence_range import frames_in_range
+from splatwire.io.formats.content import FileContent, relative_to_first
 from splatwire.io.formats.outliers import warn_of_clipped
 from splatwire.ops.spherical_harmonics import DC, num_functions
 from splatwire.types.metadata import SceneMetadata
@@ -37,6 +38,8 @@ _FPS, _AXES, _Y_UP, _Z_UP = "splatwire:fps", "coordinate_system", "y-up-right-ha
 _COLORS, _SRGB = "color_space", "srgb-rec709-display"
 _LOWEST, _HIGHEST = -4.0, 4.0
 """Coefficients of harmonics for the bytes 0 and 255."""
+_STEP = 0.1
+"""Step of positions divided by the median of all standard deviations, with the default error bounds of fourdgs."""
 
 
 @dataclass(frozen=True)
@@ -130,11 +133,13 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
         frames: Frames of one degree of harmonics.
         path: The file, written atomically.
         rate: Frames per second.
+
+    Raises:
+        DatasetError: If no frame has Gaussians, or the package fourdgs cannot store the values.
     """
-    runs, origin = _ConstantIntervals(rate), None
-    for frame in frames:
-        origin = frame.origin if origin is None else origin
-        runs.add(flip_axes(frame.relative_to(origin).splats, SPZ_FLIPS))
+    runs = _ConstantIntervals(rate)
+    for frame in frames_in_range(path, relative_to_first(frames), _STEP):
+        runs.add(flip_axes(frame.splats, SPZ_FLIPS))
     splats, begins, ends = runs.end_all()
     count = runs.num_frames
     if not splats.num_gaussians:
@@ -161,7 +166,11 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
     attributes = {_AXES: _Y_UP, _COLORS: _SRGB, _FPS: f"{rate:g}"}
     with atomic_output(path) as target:
         options = fourdgs.WriteOptions(metadata=attributes)
-        fourdgs.write(str(target), records, count / rate, options=options)
+        try:
+            with np.errstate(all="ignore"):  # fourdgs verifies what it wrote
+                fourdgs.write(str(target), records, count / rate, options=options)
+        except (fourdgs.FourdgsError, *MALFORMED) as error:
+            raise DatasetError(f"{path}: fourdgs cannot store the values of these Gaussians: {error}") from error
     return count
 
 

@@ -21,7 +21,7 @@ from splatwire.errors import DatasetError
 from splatwire.files.kinds import EXT_SPLATWIRE
 from splatwire.files.mmap_array import large_empty
 from splatwire.files.read_limited import read_at_most, read_json
-from splatwire.io.formats._asset import metadata_of_asset, warn_of_unused_extras
+from splatwire.io.formats._asset import metadata_of_asset, metadata_of_xmp, warn_of_unused_extras
 from splatwire.io.formats._axes import GLTF_FLIPS as GLTF_FLIPS
 from splatwire.io.formats._axes import harmonic_signs, is_similarity, transform_splats
 from splatwire.io.formats._columns import (
@@ -32,7 +32,7 @@ from splatwire.io.formats._columns import (
     warn_of_logits,
 )
 from splatwire.io.formats._files import FileBytes, is_in_folder_of, warn_of_bytes_outside
-from splatwire.io.formats._gltf_nodes import VISIBILITY, Instance, entry, shown_instances
+from splatwire.io.formats._gltf_nodes import VISIBILITY, Instance, described_nodes, entry, shown_instances
 from splatwire.io.formats.content import FileContent, origin_of_placed
 from splatwire.io.formats.ply_comments import (
     fields_as_comments,
@@ -198,7 +198,18 @@ class _Gltf:
         moved = [self._transformed(part, instance, origin) for instance in shown for part in read[instance.mesh]]
         antialiased = self._is_antialiased({index: primitives_by_mesh[index] for index in read})
         warn_of_unused_extras(self._path, self._document.get("asset"))
-        metadata = metadata_of_asset(self._document.get("asset"), self._path).moved_origin(NO_ORIGIN, origin)
+        stretched = [
+            instance.node
+            for instance in shown
+            if any(part.degree for part in read[instance.mesh]) and not is_similarity(_placement(instance)[0])
+        ]
+        if stretched:
+            LOG.warning(
+                "%s: %s stretches its Gaussians: their shape follows, and their harmonics only turn",
+                self._path, described_nodes(stretched),
+            )  # fmt: skip
+        metadata = metadata_of_asset(self._document.get("asset"), self._path)
+        metadata = metadata.over(metadata_of_xmp(self._document, self._path)).moved_origin(NO_ORIGIN, origin)
         return FileContent(concatenate(moved), origin, antialiased, metadata)
 
     def _is_antialiased(self, primitives_by_mesh: dict[int, list[dict[str, Any]]]) -> bool:
@@ -220,9 +231,9 @@ class _Gltf:
             for index, primitives in primitives_by_mesh.items()
             for primitive in primitives
         }
-        for fields in sorted(filter(is_antialiasing_unclear, stated_fields))[:_MAX_WARNED]:
-            warn_of_unclear_antialiasing(self._path, fields, "field")
         answers = {states_antialiasing(fields) for fields in stated_fields}
+        for fields in sorted(filter(is_antialiasing_unclear, stated_fields))[:_MAX_WARNED]:
+            warn_of_unclear_antialiasing(self._path, fields, "field", drawn_with_it=any(answers))
         if len(answers) > 1:
             LOG.warning(
                 "%s: some primitives ask for antialiasing, others do not: the scene is drawn with it", self._path
@@ -336,11 +347,6 @@ class _Gltf:
             return splats
         if not np.isfinite(matrix).all() or not np.isfinite(shift).all():
             raise DatasetError(f"{self._path}: node {instance.node} moves its Gaussians too far")
-        if splats.degree and not is_similarity(matrix):
-            LOG.warning(
-                "%s: node %s stretches its Gaussians: their shape follows, and their harmonics only turn",
-                self._path, instance.node,
-            )  # fmt: skip
         return transform_splats(splats, matrix, shift)
 
     def _primitive(self, primitive: dict[str, Any]) -> Splats:

@@ -112,7 +112,7 @@ def content_of_vertices(vertices: PlyElement) -> FileContent:
         )
     if min(vertices.rows.dtype[name].itemsize for name in _AXES) <= _FLOAT_BYTES:
         warn_of_rounded_positions(path, splats, origin)
-    metadata = stated_metadata(vertices.comments).moved_origin(NO_ORIGIN, origin)
+    metadata = stated_metadata(vertices.comments, path).moved_origin(NO_ORIGIN, origin)
     return FileContent(splats, origin, states_antialiasing(vertices.comments), metadata)
 
 

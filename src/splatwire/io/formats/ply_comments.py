@@ -23,12 +23,12 @@ _MODE = re.compile(
 )
 _OTHER_MODE = re.compile(
     r"(?:(?:splat|gaussian|3dgs|render(?:ing|er)?|raster(?:i[sz](?:e|er|ation))?|train(?:ed|ing)?|config|pipeline|model"
-    r"|with|using)[-_. ]*)*mode(?:\s*[:=]\s*|\s+)(\S.*)",
+    r"|with|using)[-_. ]*)*mode(?:l\s*[:=]\s*|\s*[:=]\s*|\s+)(\S.*)",
     re.I,
 )
 """Pattern of comments with a mode of splats under another name, of which only antialiasing is known.
 
-Modes of other things, such as textures, do not match.
+PlayCanvas' splat-transform names the mode `model` in SOG. Modes of other things, such as textures, do not match.
 """
 _YES = frozenset(("", "1", "1.0", "true", "yes", "on", "enabled"))
 _NO = frozenset(("0", "0.0", "false", "no", "off", "none", "disabled"))
@@ -37,10 +37,10 @@ _ABOUT = re.compile(
     r"anti[-_ ]?alias|(?:\b|_)mip[-_ ]?(?:splat|filter)|splat[-_ ]?render[-_ ]?mode|raster\w*[-_ ]?mode"
     r"|\b(?:kernel|filter)[-_ ]?size|\b(?:2d|low[-_ ]?pass|smoothing)[-_ ]?filter|\bfilter[-_ ]?2d|\blow[-_ ]?pass\b"
     r"|\beps[-_ ]?2d|\bdilation|\bopacity[-_ ]?compensation|\bcompensat"
-    r"|[:=\s][\"']?mip[\"']?\W*$",
+    r"|[:=\s][\"']?mip[\"']?\W*$|\bmodel\s*[:=]\s*[\"']?2dgs\b",
     re.I,
 )
-"""Pattern of comments that refer to antialiasing."""
+"""Pattern of comments that refer to antialiasing, or to another way of drawing (2DGS)."""
 _MIP = re.compile(r"(?:mip[-_ ]?(?:splat(?:s|ting)?|filter(?:ed|ing)?)?|anti[-_ ]?alias(?:ed|ing)?)", re.I)
 
 
@@ -54,16 +54,20 @@ def states_antialiasing(comments: Iterable[str]) -> bool:
     return bool(stated) and stated[-1]
 
 
-def warn_of_unclear_antialiasing(path: Path, comments: Iterable[str], kind: str = "comment") -> None:
+def warn_of_unclear_antialiasing(
+    path: Path, comments: Iterable[str], kind: str = "comment", *, drawn_with_it: bool | None = None
+) -> None:
     """Logs a warning about comments on antialiasing that cannot be parsed, or that contradict each other.
 
     Args:
         path: The file.
         comments: Text of each comment, without the word `comment`.
         kind: Name of the comments in messages.
+        drawn_with_it: True if the scene is drawn with antialiasing; None if these comments decide it.
     """
     all_comments = tuple(comments)
-    drawn = "with" if states_antialiasing(all_comments) else "without"
+    with_it = states_antialiasing(all_comments) if drawn_with_it is None else drawn_with_it
+    drawn = "with" if with_it else "without"
     if {True, False} <= {_antialiasing_setting(comment) for comment in all_comments}:
         LOG.warning("%s: %ss enable and disable antialiasing: the scene is drawn %s it", path, kind, drawn)
     for comment in all_comments:

@@ -6,9 +6,16 @@ other programs are read too, such as `Vertical Axis: z`, `Copyright 2024 A. B.` 
 
 import re
 from collections.abc import Iterable
+from pathlib import Path
 
 from splatwire.errors import InvalidValueError
-from splatwire.types.metadata import SceneMetadata, metadata_from_json, metadata_to_json, parse_field
+from splatwire.types.metadata import (
+    SceneMetadata,
+    metadata_from_json,
+    metadata_to_json,
+    parse_field,
+    warn_of_long_texts,
+)
 
 _NAMES = {
     "title": r"title|name|scene",
@@ -29,6 +36,8 @@ _PLAIN_LINES = {
     ),
 }
 """Patterns of comments without a colon. A copyright notice is kept whole."""
+_NOTICE = re.compile(r"copyright\b|\(c\)|©|all rights reserved", re.IGNORECASE)
+"""Start of a copyright notice, which is kept in addition to a license."""
 _WORK = r"photo(?:s|graph(?:s|ed|y)?)?|captured?|scan(?:s|ned)?|model|shot"
 _CREDITS = {
     "author": re.compile(
@@ -54,24 +63,55 @@ _UP = re.compile(
 """Pattern of comments about the axis that is up: its name, or a unit vector."""
 
 
-def stated_metadata(comments: Iterable[str]) -> SceneMetadata:
-    """Parses the scene's metadata in PLY comments; the last comment of each field applies.
+def stated_metadata(comments: Iterable[str], path: Path | None = None) -> SceneMetadata:
+    """Parses the scene's metadata in PLY comments.
+
+    Several authors, licenses and copyright notices are joined. Of other fields, the last comment applies; a `title`
+    precedes a `name`.
 
     Args:
         comments: Text of each comment, without the word `comment`.
+        path: The file, for a warning about a text that is too long; None for no warning.
     """
-    fields: dict[str, object] = {}
-    plain: dict[str, object] = {}
-    credits: dict[str, object] = {}
+    fields: dict[str, list[object]] = {}
+    plain: dict[str, list[object]] = {}
+    credits: dict[str, list[object]] = {}
     for comment in map(str.strip, comments):
         stated = {name: match for name, line in _LINES.items() if (match := line.fullmatch(comment))}
-        fields |= {name: _value(name, match[1].strip()) for name, match in stated.items() if name != "up"}
+        for name, match in stated.items():
+            if name != "up":
+                is_other_name = name == "title" and not comment.lower().startswith("title")
+                found = plain if is_other_name else fields
+                found.setdefault(name, []).append(_value(name, match[1].strip()))
         if not stated:
-            plain |= _stated_fields(_PLAIN_LINES, comment)
-            credits |= _stated_fields(_CREDITS, comment)
+            for lines, found in ((_PLAIN_LINES, plain), (_CREDITS, credits)):
+                for name, text in _stated_fields(lines, comment).items():
+                    found.setdefault(name, []).append(text)
         if (up := named_up(comment)) is not None:
-            fields["up"] = up
-    return metadata_from_json(credits | plain | fields)
+            fields["up"] = [up]
+    chosen = credits | plain | fields
+    if "license" in fields:
+        chosen["license"] = [*fields["license"], *(text for text in plain.get("license", []) if _is_notice(text))]
+    content = {name: _joined(name, values) for name, values in chosen.items()}
+    if path is not None:
+        warn_of_long_texts(content, path)
+    return metadata_from_json(content)
+
+
+def _joined(name: str, values: list[object]) -> object:
+    """Returns the value of a metadata field that is stated several times: all texts, or the last value.
+
+    Args:
+        name: Name of the field.
+        values: Its values, in the order of the comments.
+    """
+    if name not in ("author", "license"):
+        return values[-1]
+    return "; ".join(dict.fromkeys(map(str, values)))
+
+
+def _is_notice(text: object) -> bool:
+    return isinstance(text, str) and _NOTICE.match(text) is not None
 
 
 def _stated_fields(lines: dict[str, re.Pattern[str]], comment: str) -> dict[str, str]:

@@ -79,7 +79,7 @@ def sog_files(
     pictures: dict[str, np.ndarray] = {}
     meta = {"version": 2, "asset": asset_of(metadata, origin), "count": splats.num_gaussians}
     if antialiased:
-        meta["antialias"] = True
+        meta |= {"antialias": True, "model": "antialiased"}  # the second one is for splat-transform of PlayCanvas
     meta["means"] = _means(splats.means.astype(np.float64), pictures)
     logs = np.log(splats.scales)
     meta["scales"] = _coded("scales", logs, np.full(len(logs), 255, np.uint8), pictures)

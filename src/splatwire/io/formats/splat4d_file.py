@@ -20,9 +20,10 @@ from splatwire.errors import MALFORMED, BackendUnavailableError, DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats._columns import check_count
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats._sequence_range import frames_in_range, position_step
+from splatwire.io.formats.content import FileContent, relative_to_first
+from splatwire.io.formats.outliers import VISIBLE_DIVISOR
 from splatwire.io.formats.splat import read_splat, write_splat
-from splatwire.types.origin import NO_ORIGIN
 
 LOG = logging.getLogger(__name__)
 MAGIC = b"SP4D"
@@ -30,6 +31,10 @@ MAX_FRAMES = 20_000
 """Maximum number of frames that are read."""
 _MAX_HEADER_BYTES = 16 << 20
 _PROGRAM = "splat4d"
+_MAX_ERROR_MM = 2.0
+"""Largest error of positions in thousandths of a world unit, the program's default."""
+_STEP_SHARE = 2 / VISIBLE_DIVISOR
+"""Step of positions, twice their largest error, divided by the median size of the Gaussians, in small scenes."""
 
 
 @dataclass(frozen=True)
@@ -91,14 +96,17 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
         BackendUnavailableError: If the program is not installed.
         DatasetError: If there is no frame, the numbers of Gaussians differ, or the program fails.
     """
-    count, first, origin = 0, -1, NO_ORIGIN
+    count, first, error_mm = 0, -1, _MAX_ERROR_MM
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
-        for count, frame in enumerate(frames, 1):
+        limits = (_STEP_SHARE, 2 * _MAX_ERROR_MM / 1000)
+        shown = frames_in_range(path, relative_to_first(frames), *limits)
+        for count, frame in enumerate(shown, 1):
+            splats = frame.splats
             if count == 1:
-                first, origin = frame.splats.num_gaussians, frame.origin
-                if frame.splats.degree:
+                first = splats.num_gaussians
+                error_mm = 1000 * position_step(splats, *limits) / 2 if first else error_mm
+                if splats.degree:
                     LOG.warning("%s: such files have one colour for all directions; harmonics are left out", path)
-            splats = frame.relative_to(origin).splats
             if splats.num_gaussians != first:
                 raise DatasetError(
                     f"{path}: frame {count - 1} has {splats.num_gaussians:,} Gaussians, the first one {first:,}: such "
@@ -108,7 +116,8 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
         if not count:
             raise DatasetError(f"{path}: a sequence without frames cannot be written")
         with atomic_output(path) as target:
-            _run(path, "encode", "--input", folder, "--output", str(target), "--fps", f"{rate:g}")
+            numbers = ("--pos-mm", f"{error_mm:g}", "--fps", f"{rate:g}")
+            _run(path, "encode", "--input", folder, "--output", str(target), *numbers)
     return count
 
 
@@ -132,4 +141,5 @@ def _run(path: Path, *words: str) -> None:
         env=os.environ | {"RUST_BACKTRACE": "0"},
     )  # fmt: skip
     if done.returncode:
-        raise DatasetError(f"{path}: {_PROGRAM}: {' '.join(done.stderr.split())[:300] or done.returncode}")
+        words = done.stderr.rpartition("Error: ")[2].split()  # before the error, the program reports what it did
+        raise DatasetError(f"{path}: {_PROGRAM}: {' '.join(words)[:300] or done.returncode}")

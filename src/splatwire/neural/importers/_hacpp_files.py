@@ -12,7 +12,7 @@ from torch import Tensor
 
 from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.archive import open_archive
-from splatwire.files.kinds import HACPP, MODEL_3DGS, file_kind, format_error, model_nearby
+from splatwire.files.kinds import HACPP, MODEL_3DGS, file_kind, format_error, last_iteration, model_nearby
 from splatwire.files.read_limited import read_json
 from splatwire.files.tensors import MAX_TENSOR_FILE_BYTES, check_tensor_file
 from splatwire.io.model_arguments import ARGUMENTS, read_arguments
@@ -30,15 +30,11 @@ def newest_iteration(model_dir: Path) -> Path:
         raise DatasetError(format_error(model_dir, "a model folder") + model_nearby(model_dir, HACPP))
     if file_kind(model_dir) is MODEL_3DGS:
         raise DatasetError(format_error(model_dir, "a model folder of HAC++ or Scaffold-GS"))
-    folders = {}
-    for folder in (model_dir / "point_cloud").glob("iteration_*"):
-        match = re.fullmatch(r"iteration_(\d{1,9})", folder.name)
-        if match and folder.is_dir():
-            folders[int(match[1])] = folder
-    if not folders:
+    folder = last_iteration(model_dir)
+    if folder is None:
         hint = model_nearby(model_dir, HACPP)
         raise DatasetError(format_error(model_dir, "a model folder", "it has no point_cloud/iteration_* folder") + hint)
-    return folders[max(folders)]
+    return folder
 
 
 def anchor_ply(iteration: Path) -> Path:
