@@ -86,6 +86,9 @@ def zoo(tmp_path_factory):
     (folder / "folder" / "photos").mkdir(parents=True)
     (folder / "gsplat results" / "ckpts").mkdir(parents=True)
     (folder / "gsplat results" / "ckpts" / "ckpt_6999_rank0.pt").write_bytes(b"PK")
+    (folder / "gsplat compressed").mkdir()
+    for name in ("meta.json", "means_l.png"):
+        (folder / "gsplat compressed" / name).write_text("{}")
     (folder / "nerfstudio results" / "nerfstudio_models").mkdir(parents=True)
     (folder / "frames").mkdir()
     write_splats([splats], folder / "frames" / "point_cloud.ply")
@@ -185,6 +188,7 @@ def test_safetensors_kind_requires_a_valid_header(metadata):
         ("nerfstudio checkpoint.ckpt", ["nerfstudio", "never opened", "ns-export gaussian-splat"]),
         ("gsplat results", ["gsplat", "never opened", "point_cloud_*.ply"]),
         ("gsplat results/ckpts", ["gsplat", "never opened"]),
+        ("gsplat compressed", ["gsplat", "PNG", "not read", "export_splats"]),
         ("nerfstudio results", ["nerfstudio", "ns-export gaussian-splat"]),
         ("frames", ["name one of them", "clip"]),
         ("pytorch", ["PyTorch", "never opened", "point_cloud.ply"]),

@@ -141,6 +141,11 @@ GSPLAT_RESULTS = Kind(
     "a results folder of gsplat",
     f"its ply/point_cloud_*.ply is read, its checkpoints are pickles and never opened; {GSPLAT_CHECKPOINT.use}",
 )
+GSPLAT_COMPRESSED = Kind(
+    "gsplat compressed",
+    "a folder of PNG images that gsplat compressed (`PngCompression`), which is not read",
+    GSPLAT_CHECKPOINT.use,
+)
 NERFSTUDIO_RESULTS = Kind("nerfstudio results", "a results folder of nerfstudio", NERFSTUDIO_CHECKPOINT.use)
 WITHOUT_GAUSSIANS = Kind(
     "no gaussians",
@@ -613,7 +618,7 @@ def _folder_kind(folder: Path) -> Kind:
     if is_unfinished(folder):
         return UNFINISHED
     if SOG_META_NAME in names:
-        return SOG_FOLDER
+        return GSPLAT_COMPRESSED if "means_l.png" in names and "means_l.webp" not in names else SOG_FOLDER
     if SOG_LEVELS_NAME in names:
         return SOG_LEVELS
     if (ply := trained_ply(folder)) is not None and file_kind(ply) in (SPLATS_PLY, COMPRESSED_PLY):

@@ -5,6 +5,7 @@ import json
 import math
 import struct
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,12 @@ from random_numbers import Numbers
 from splat_io.formats.handmade import glb, glb_of, some_splats, write
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import GLTF, file_kind
-from splatwire.io.formats import gltf, is_antialiased, read_splats, splats_kind
+from splatwire.io.formats import gltf, is_antialiased, read_splats, splats_kind, write_splats
 from splatwire.io.formats._axes import GLTF_FLIPS, flip_axes
+from splatwire.io.formats._columns import MIN_SIZE
+from splatwire.io.formats.dispatch import read_content
 from splatwire.ops.quaternions import rotation_matrices
-from splatwire.ops.spherical_harmonics import sh_basis
+from splatwire.ops.spherical_harmonics import DC, sh_basis
 from splatwire.types.splats import Splats
 
 HALF = math.sqrt(0.5)
@@ -486,6 +489,42 @@ def test_integer_positions_of_mesh_quantization_are_read(tmp_path: Path) -> None
     document["nodes"][0]["scale"] = [2**-12] * 3
     found = opened(glb_of(document, binary + steps.tobytes()), tmp_path / "a.glb")
     assert_close(found.means, steps[:, :3] / 2.0**12, atol=1e-6)
+
+
+@pytest.mark.parametrize("component", [5121, 5123])
+def test_integer_scales_that_are_not_normalised_are_read(component: int, tmp_path: Path) -> None:
+    document, binary = document_of(glb(some_splats(3, 0)))
+    values = np.array([[1, 2, 3], [4, 5, 0], [7, 8, 255]], {5121: "u1", 5123: "<u2"}[component])
+    document["bufferViews"].append({"buffer": 0, "byteOffset": len(binary), "byteLength": values.nbytes})
+    document["buffers"][0]["byteLength"] = len(binary) + values.nbytes
+    scales = document["meshes"][0]["primitives"][0]["attributes"][f"{EXTENSION}:SCALE"]
+    document["accessors"][scales] = {
+        "bufferView": len(document["bufferViews"]) - 1, "componentType": component, "count": 3, "type": "VEC3",
+    }  # fmt: skip
+    (tmp_path / "a.glb").write_bytes(glb_of(document, binary + values.tobytes()))
+    found = read_content(tmp_path / "a.glb").splats
+    assert_close(found.scales, np.maximum(values, MIN_SIZE).astype(np.float32))
+
+
+def test_scales_of_a_draft_are_read_as_logarithms(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    splats = some_splats(60, 1)
+    expected = opened(glb(splats), tmp_path / "a.glb")
+    assert not caplog.text
+    found = opened(glb(replace(splats, scales=np.log(splats.scales))), tmp_path / "b.glb")
+    assert_close(found.scales, expected.scales, rtol=1e-5)
+    assert "are read as logarithms, as in a draft of KHR_gaussian_splatting" in caplog.text
+
+
+def test_vertex_colours_are_linear(tmp_path: Path) -> None:
+    splats = some_splats(3, 0)
+    splats.sh[:, 0] = (np.float32([[0, 0.5, 1], [0.02, -1, 2], [0.2, 0.8, 0.9]]) - 0.5) / np.float32(DC)
+    write_splats([replace(splats, opacities=np.float32([0.5, 1, 0.25]))], tmp_path / "a.glb")
+    document, binary = document_of((tmp_path / "a.glb").read_bytes())
+    accessor = document["accessors"][document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]]
+    start = document["bufferViews"][accessor["bufferView"]]["byteOffset"]
+    colours = np.frombuffer(binary, np.uint8, 12, start).reshape(3, 4)
+    # sRGB 0.5 is 0.214 of the light
+    assert colours.tolist() == [[0, 55, 255, 128], [0, 0, 255, 255], [8, 154, 201, 64]]
 
 
 @pytest.mark.parametrize("block", [1, 200, 1 << 20])

@@ -270,7 +270,8 @@ def test_shift_comments_of_any_wording_give_a_warning(
         ("quaternion order: xyzw", "another order of the rotations"),
         ("ColorSpace: linear", "another colour space"),
         ("gamma 2.2", "another colour space"),
-        ("up 0.1 0.9 0", "a system of axes"),
+        ("up 0.6 0.7 0", "a system of axes"),
+        ("Vertical axis: nan 1 0", "a system of axes"),
     ],
 )
 def test_unapplied_unit_scale_and_axis_comments_give_a_warning(
@@ -308,6 +309,7 @@ def test_comments_without_effect_on_the_positions_give_no_warning(
     [
         ("Vertical Axis: z", "z"), ("up z", "z"), ("z-up", "z"), ("Up Axis: +Y", "y"), ("up vector: (0, -1, 0)", "-y"),
         ("UP: 0 0 1", "z"), ("Y_UP", "y"), ("up: sideways", None), ("up 0 0.5 0.5", None),
+        ("Vertical axis: y", "-y"), ("Vertical axis: +y", "y"), ("Vertical axis: 0.013 -0.9987 0.0488", "-y"),
     ],
 )  # fmt: skip
 def test_the_axis_that_is_up_has_several_notations(comment: str, up: str | None, tmp_path: Path) -> None:

@@ -271,6 +271,32 @@ def test_missing_environment_gives_a_warning(tmp_path: Path, caplog: pytest.LogC
     assert "environment.sog" in caplog.text
 
 
+def test_a_palette_of_another_name_short_code_books_and_white_padding_are_read(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    files = _files(tmp_path / "a.sog", some_splats(70, 1))
+    expected = read_splats(tmp_path / "a.sog")
+    meta = json.loads(files["meta.json"]) | {"width": 12, "height": 8}
+    meta["shN"]["palette_size"] = meta["shN"].pop("count")
+    meta["shN"]["coeffs"] = 3
+    for section in ("scales", "sh0", "shN"):
+        meta[section]["codebook"] = sorted(set(meta[section]["codebook"]))
+    assert len(meta["sh0"]["codebook"]) < 256
+    image = Image.open(io.BytesIO(files["quats.webp"]))
+    pixels = np.asarray(image.convert("RGBA")).reshape(-1, 4).copy()
+    pixels[70:] = 255
+    files |= {"meta.json": json.dumps(meta).encode(), "quats.webp": _picture(pixels, image.width)}
+    found = read_splats(_archive(tmp_path / "b.sog", files))
+    for name, values in vars(expected).items():
+        assert np.array_equal(getattr(found, name), values), name
+    assert not caplog.text
+    meta["sh0"]["codebook"] = meta["sh0"]["codebook"][:-1]
+    assert (
+        read_splats(_archive(tmp_path / "c.sog", files | {"meta.json": json.dumps(meta).encode()})).num_gaussians < 70
+    )
+    assert "cannot be drawn" in caplog.text
+
+
 @pytest.mark.parametrize(("section", "other"), [("means", "means"), ("quats", "scales"), ("sh0", "quats")])
 def test_a_picture_that_is_named_twice_is_refused(section: str, other: str, tmp_path: Path) -> None:
     files = _files(tmp_path / "a.sog", some_splats(70, 0))

@@ -53,6 +53,8 @@ _MAX_CHUNKS = 1 << 10
 """Largest number of chunks of a binary file; two have a meaning."""
 _MAX_WARNED = 4
 """Maximum number of primitives with unclear fields that are logged."""
+_MIN_NEGATIVE = 0.01
+"""Share of negative scales above which scales are logarithms; sizes are not negative."""
 _MAX_STRIDE = 252
 """Largest distance between rows, bytes (glTF 2.0, section 3.6.2.4)."""
 _READ_BYTES = 1 << 20
@@ -373,11 +375,19 @@ class _Gltf:
             sh[:, index] = rows * signs[index]
         opacities = self._accessor(attributes, f"{EXTENSION}:OPACITY", 1)[:, 0]
         warn_of_logits(self._path, opacities, "glTF")
+        scales = self._accessor(attributes, f"{EXTENSION}:SCALE", 3)
+        are_logs = float((scales < 0).mean()) > _MIN_NEGATIVE if scales.size else False
+        if are_logs:
+            LOG.warning(
+                "%s: scales from %.3g to %.3g are read as logarithms, as in a draft of %s, because sizes are not "
+                "negative", self._path, float(scales.min()), float(scales.max()), EXTENSION,
+            )  # fmt: skip
         return build_splats(
             self._path,
             means=means * np.array(GLTF_FLIPS, np.float32),
             quats=np.roll(quats, 1, axis=1) * np.array((1, *GLTF_FLIPS), np.float32),
-            scales=self._accessor(attributes, f"{EXTENSION}:SCALE", 3),
+            scales=None if are_logs else scales,
+            log_scales=scales if are_logs else None,
             opacities=opacities,
             sh=sh,
         )
@@ -443,7 +453,8 @@ class _Gltf:
         if code not in _COMPONENTS or _TYPES.get(accessor["type"]) != width:
             raise DatasetError(f"{self._path}: attribute {name} is no plain array of {width} numbers per Gaussian")
         dtype = np.dtype(_COMPONENTS[code])
-        whole = name == "POSITION" and not accessor.get("normalized")  # by KHR_mesh_quantization
+        # integer positions are those of KHR_mesh_quantization
+        whole = name in ("POSITION", f"{EXTENSION}:SCALE") and not accessor.get("normalized")
         if dtype.kind != "f" and not accessor.get("normalized") and not whole:
             raise DatasetError(f"{self._path}: attribute {name} has integers that are not normalised")
         rows = self._rows(name, accessor, dtype, (count, width))

@@ -98,7 +98,7 @@ def _put_stream(document: dict[str, Any], num_bytes: int, num_padded: int) -> No
 def _columns(splats: Splats) -> dict[str, np.ndarray]:
     """Returns the vertex attribute arrays of a glTF primitive, each padded to a multiple of four bytes."""
     sh, opacities = splats.sh, splats.opacities[:, None]
-    seen = np.concatenate([0.5 + DC * sh[:, 0], opacities], axis=1)
+    seen = np.concatenate([_linear((0.5 + DC * sh[:, 0]).clip(0, 1)), opacities], axis=1)
     columns = {
         "POSITION": splats.means,
         "COLOR_0": np.rint(seen.clip(0, 1) * 255).astype(np.uint8),
@@ -110,6 +110,11 @@ def _columns(splats: Splats) -> dict[str, np.ndarray]:
         for i in range(2 * band + 1):
             columns[f"{EXTENSION}:SH_DEGREE_{band}_COEF_{i}"] = sh[:, band * band + i]
     return {name: np.ascontiguousarray(values) for name, values in columns.items()}
+
+
+def _linear(colours: np.ndarray) -> np.ndarray:
+    """Converts colours from sRGB to linear, which glTF requires for vertex colours."""
+    return np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
 
 
 def _document(columns: dict[str, np.ndarray]) -> dict[str, Any]:

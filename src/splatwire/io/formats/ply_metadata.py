@@ -4,6 +4,7 @@ This package writes `title: …`, `author: …`, `license: …`, `up: -y` and `v
 other programs are read too, such as `Vertical Axis: z`, `Copyright 2024 A. B.` or the name of a license.
 """
 
+import math
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -60,7 +61,11 @@ _UP = re.compile(
     r"|([+-]?[xyz][-_ ]?up)",
     re.IGNORECASE,
 )
-"""Pattern of comments about the axis that is up: its name, or a unit vector."""
+"""Pattern of comments about the axis that is up: its name, or a vector."""
+_VERTICAL_Y = re.compile(r"vertical[-_ ]axis(?:\s*[:=]\s*|\s+)y", re.IGNORECASE)
+"""Comment of Brush about a scene in the axes of 3DGS, in which y is vertical and points down."""
+_MIN_UP_SHARE = 0.8
+"""Smallest share of a vector's length along the axis that it names, for an angle of 37 degrees."""
 
 
 def stated_metadata(comments: Iterable[str], path: Path | None = None) -> SceneMetadata:
@@ -158,6 +163,8 @@ def names_up(comment: str) -> bool:
 
 def named_up(comment: str) -> str | None:
     """Returns the up axis that a PLY comment states, such as `-y`; None if the comment states no axis."""
+    if _VERTICAL_Y.fullmatch(comment.strip()):
+        return "-y"
     match = _UP.fullmatch(comment.strip().rstrip(".;,"))
     return None if match is None else _axis((match[1] or match[2]).strip())
 
@@ -166,7 +173,7 @@ def _axis(text: str) -> str | None:
     """Returns the name of a signed coordinate axis, such as `z` or `-y`.
 
     Args:
-        text: Name of an axis, such as `+Z`, or the three numbers of a unit vector along an axis.
+        text: Name of an axis, such as `+Z`, or the three numbers of a vector roughly along an axis.
 
     Returns:
         The name; None for any other text.
@@ -174,9 +181,11 @@ def _axis(text: str) -> str | None:
     if axis := _AXIS.fullmatch(text):
         return f"{axis[1].replace('+', '')}{axis[2].lower()}"
     vector = _numbers(text)
-    if vector is None or sorted(map(abs, vector)) != [0, 0, 1]:
+    if vector is None or len(vector) != 3 or not 0 < math.hypot(*vector) < math.inf:
         return None
-    index = [abs(value) for value in vector].index(1)
+    index = max(range(3), key=lambda axis: abs(vector[axis]))
+    if abs(vector[index]) < _MIN_UP_SHARE * math.hypot(*vector):
+        return None
     return ("-" if vector[index] < 0 else "") + "xyz"[index]
 
 

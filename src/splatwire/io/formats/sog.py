@@ -43,7 +43,7 @@ LOG = logging.getLogger(__name__)
 PALETTE_COLUMNS = 64
 CODES = 256
 _SECTIONS = ("means", "scales", "quats", "sh0", "shN")
-_FIELDS = frozenset(("files", "mins", "maxs", "codebook", "count", "bands"))
+_FIELDS = frozenset(("files", "mins", "maxs", "codebook", "count", "bands", "palette_size", "coeffs"))
 _MAX_META_BYTES = 1 << 20
 _MAX_PALETTE = 1 << 16
 _SPARE_PIXELS = 1 << 16
@@ -382,8 +382,10 @@ class _Sog:
         """Returns the rotations as quaternions (N, 4)."""
         picture = self._picture("quats", 0, pixels=self._count)
         pixels, padding = picture[: self._count], picture[self._count :]
-        # Colours of transparent pixels are arbitrary: WebP changes them unless an option keeps them.
-        if num_more := int((padding[:, :3].any(axis=1) & (padding[:, 3] >= _FIRST_CODE)).sum()):
+        # Colours of transparent pixels are arbitrary: WebP changes them unless an option keeps them. White is no
+        # rotation, and some programs fill images with it.
+        is_value = padding[:, :3].any(axis=1) & ~(padding == CODES - 1).all(axis=1)
+        if num_more := int((is_value & (padding[:, 3] >= _FIRST_CODE)).sum()):
             LOG.warning(
                 "%s: its images have values of %s more Gaussians than the %s of %s: those are left out",
                 self._path, f"{num_more:,}", f"{self._count:,}", SOG_META_NAME,
@@ -419,7 +421,9 @@ class _Sog:
     def _palette_size(self) -> tuple[Any, Any]:
         """Returns the degree of the spherical harmonics, and the number of entries of their palette."""
         if not self._is_version_1:
-            return self._field("shN", "bands"), self._field("shN", "count")
+            section = self.meta["shN"]  # LichtFeld Studio names the number `palette_size`
+            is_renamed = isinstance(section, dict) and "palette_size" in section and "count" not in section
+            return self._field("shN", "bands"), self._field("shN", "palette_size" if is_renamed else "count")
         labels = self._pixels("shN", 1).astype(np.int64)
         width = self._palette_width("shN", 0)
         bands = next((n for n in range(1, MAX_DEGREE + 1) if PALETTE_COLUMNS * (num_functions(n) - 1) == width), width)
@@ -465,7 +469,12 @@ class _Sog:
         return numbers
 
     def _codebook(self, section: str) -> np.ndarray:
-        return self._numbers(section, "codebook", CODES, _MAX_CODE).astype(np.float32)
+        """Returns the value of each index, float32 (256); NaN where the code book of the file ends before."""
+        stated = self._field(section, "codebook")
+        count = len(stated) if isinstance(stated, list) and 0 < len(stated) < CODES else CODES
+        codebook = np.full(CODES, np.nan, np.float32)
+        codebook[:count] = self._numbers(section, "codebook", count, _MAX_CODE)
+        return codebook
 
     def _pixels(self, section: str, file: int = 0) -> np.ndarray:
         """Returns the pixel of each Gaussian in an image of a section, RGBA, uint8 (N, 4).
