@@ -416,6 +416,13 @@ def test_lenses_that_contradict_each_other_are_refused(model, flag, capture):
     read_transforms(rewritten(path, camera_model=model, is_fisheye=None))
 
 
+def test_a_crop_radius_gives_a_warning(capture, caplog):
+    read_transforms(capture.write_nerfstudio() / "transforms.json")
+    assert not caplog.text
+    read_transforms(capture.write_nerfstudio(fisheye_crop_radius=11.5, is_fisheye=True) / "transforms.json")
+    assert "'fisheye_crop_radius' is not read" in caplog.text
+
+
 def test_frames_of_several_times_give_a_warning(capture, caplog):
     path = capture.write_nerfstudio() / "transforms.json"
     content = json.loads(path.read_text())

@@ -26,6 +26,8 @@ _FISHEYE = ("OPENCV_FISHEYE", "FISHEYE")
 _OTHER_PROJECTIONS = ("latlong", "equirectangular", "ftheta_p0")
 """Keys of instant-ngp that indicate an unsupported projection."""
 _POINT_CLOUD = "ply_file_path"
+_CROP_RADIUS = "fisheye_crop_radius"
+"""Radius of the circle that nerfstudio uses of fisheye photos, pixels."""
 _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _LENS_FIELDS = ("frames", *_TERMS, "camera_model", "is_fisheye", "distortion_params", *_OTHER_PROJECTIONS)
@@ -138,6 +140,10 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
         raise DatasetError(f"{path}: its paths do not begin with {_IMAGES}, which {images} would replace")
     _warn_of_conventions(path, content, frames)
     _warn_of_times(path, frames)
+    if content.get(_CROP_RADIUS):
+        LOG.warning(
+            "%s: '%s' is not read: black corners of the photos count; mask them with 'mask_path'", path, _CROP_RADIUS
+        )
     views = [_read_frame(path, content, frame, images) for frame in frames]
     check_distinct(path, [view.name for view in views], [view.image_path for view in views])
     return Transforms(views, _splits(path, content, views, images), _points(path, content))
