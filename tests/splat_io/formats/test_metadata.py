@@ -290,6 +290,7 @@ XMP = {
     [
         ([{}, XMP], SceneMetadata("Garden", "Ana; Ben", "CC0")),
         ([{}, {"dc:title": 3, "dc:creator": [{"@value": "Ana"}], "dc:rights": {}}], SceneMetadata(author="Ana")),
+        ([{}, {"dc:title": json.loads('{"@value": ' * 300 + "1" + "}" * 300)}], NO_METADATA),
         ([XMP], NO_METADATA),
         ([{}, []], NO_METADATA),
         ({}, NO_METADATA),

@@ -20,6 +20,8 @@ _XMP = ("KHR_xmp_json_ld", "KHR_xmp")
 """Extensions with XMP packets; the second one is deprecated."""
 _XMP_FIELDS = (("title", "dc:title"), ("author", "dc:creator"), ("license", "dc:rights"))
 """Fields of metadata and the XMP properties that they are read from."""
+_XMP_VALUES, _MAX_XMP_DEPTH = ("@value", "@list", "@set", "rdf:_1"), 4
+"""Keys of the values of XMP properties, and how deep they are searched."""
 
 
 def asset_of(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> dict[str, Any]:
@@ -61,7 +63,7 @@ def metadata_of_asset(asset: object, path: Path) -> SceneMetadata:
     copyright_notice = clean_text(asset.get("copyright"))
     if copyright_notice and copyright_notice not in (*stated, clean_text(", ".join(stated))):
         license_text = clean_text(texts.get("license"))
-        texts["license"] = f"{license_text}; {copyright_notice}" if license_text else copyright_notice
+        texts["license"] = f"{license_text}; {copyright_notice}" if license_text else asset["copyright"]
     return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts, path)
 
 
@@ -93,17 +95,12 @@ def _extension(part: object, name: str) -> dict[str, Any]:
 
 def _xmp_texts(value: object) -> list[str]:
     """Returns the texts of an XMP property: a text, a list, or the first language of several."""
-    if isinstance(value, dict):
-        keys = ("@value", "@list", "@set", "rdf:_1")
-        return _xmp_texts(next((value[key] for key in keys if key in value), None))
-    texts = [text for one in (value if isinstance(value, list) else [value]) for text in _flat(one)]
-    return list(dict.fromkeys(texts))
-
-
-def _flat(value: object) -> list[str]:
-    if isinstance(value, dict):
-        value = value.get("@value")
-    return [text] if (text := clean_text(value)) else []
+    for _ in range(_MAX_XMP_DEPTH):
+        if isinstance(value, dict):
+            value = next((value[key] for key in _XMP_VALUES if key in value), None)
+    entries = value if isinstance(value, list) else [value]
+    texts = [clean_text(entry.get("@value") if isinstance(entry, dict) else entry) for entry in entries]
+    return [text for text in dict.fromkeys(texts) if text]
 
 
 def origin_of_asset(asset: object, path: Path) -> Origin:
