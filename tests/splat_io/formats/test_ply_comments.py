@@ -310,6 +310,7 @@ def test_comments_without_effect_on_the_positions_give_no_warning(
         ("Vertical Axis: z", "z"), ("up z", "z"), ("z-up", "z"), ("Up Axis: +Y", "y"), ("up vector: (0, -1, 0)", "-y"),
         ("UP: 0 0 1", "z"), ("Y_UP", "y"), ("up: sideways", None), ("up 0 0.5 0.5", None),
         ("Vertical axis: y", "-y"), ("Vertical axis: +y", "y"), ("Vertical axis: 0.013 -0.9987 0.0488", "-y"),
+        ("Vertical axis: 0.02 0.05 -0.998", "z"), ("Vertical axis: 0 0 1", "z"), ("Vertical axis: 0.99 0.1 0", None),
     ],
 )  # fmt: skip
 def test_the_axis_that_is_up_has_several_notations(comment: str, up: str | None, tmp_path: Path) -> None:

@@ -64,6 +64,8 @@ _UP = re.compile(
 """Pattern of comments about the axis that is up: its name, or a vector."""
 _VERTICAL_Y = re.compile(r"vertical[-_ ]axis(?:\s*[:=]\s*|\s+)y", re.IGNORECASE)
 """Comment of Brush about a scene in the axes of 3DGS, in which y is vertical and points down."""
+_VERTICAL_VECTOR = re.compile(r"vertical[-_ ]axis\s*[:=]\s*(.*\d.*)", re.IGNORECASE)
+"""Comment of Brush with a vector; its viewer turns this vector to -y, starting from -y, so that x and z are negated."""
 _MIN_UP_SHARE = 0.8
 """Smallest share of a vector's length along the axis that it names, for an angle of 37 degrees."""
 
@@ -166,7 +168,14 @@ def named_up(comment: str) -> str | None:
     if _VERTICAL_Y.fullmatch(comment.strip()):
         return "-y"
     match = _UP.fullmatch(comment.strip().rstrip(".;,"))
-    return None if match is None else _axis((match[1] or match[2]).strip())
+    if match is None:
+        return None
+    axis = _axis((match[1] or match[2]).strip())
+    vector = _VERTICAL_VECTOR.fullmatch(comment.strip())
+    numbers = None if vector is None else _numbers(vector[1])
+    if axis is None or numbers is None or sorted(map(abs, numbers)) == [0, 0, 1]:
+        return axis
+    return {"z": "-z", "-z": "z", "y": "y", "-y": "-y"}.get(axis)
 
 
 def _axis(text: str) -> str | None:
