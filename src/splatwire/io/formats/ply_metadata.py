@@ -65,7 +65,7 @@ _UP = re.compile(
 _VERTICAL_Y = re.compile(r"vertical[-_ ]axis(?:\s*[:=]\s*|\s+)y", re.IGNORECASE)
 """Comment of Brush about a scene in the axes of 3DGS, in which y is vertical and points down."""
 _VERTICAL_VECTOR = re.compile(r"vertical[-_ ]axis\s*[:=]\s*(.*\d.*)", re.IGNORECASE)
-"""Comment of Brush with a vector; its viewer turns this vector to -y, starting from -y, so that x and z are negated."""
+"""Comment of Brush with a vector for its viewer: z is that of the up direction, negated, and x is not reliable."""
 _MIN_UP_SHARE = 0.8
 """Smallest share of a vector's length along the axis that it names, for an angle of 37 degrees."""
 
@@ -192,9 +192,10 @@ def _axis(text: str) -> str | None:
     vector = _numbers(text)
     if vector is None or len(vector) != 3 or not 0 < math.hypot(*vector) < math.inf:
         return None
-    index = max(range(3), key=lambda axis: abs(vector[axis]))
-    if abs(vector[index]) < _MIN_UP_SHARE * math.hypot(*vector):
+    largest = max(map(abs, vector))
+    if largest < _MIN_UP_SHARE * math.hypot(*vector):
         return None
+    index = [abs(value) for value in vector].index(largest)
     return ("-" if vector[index] < 0 else "") + "xyz"[index]
 
 
