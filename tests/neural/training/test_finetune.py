@@ -21,6 +21,7 @@ from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.photometric_loss import prepare_photo
 from splatwire.neural.training.step import TrainingStep
 from splatwire.types import AnchorScene, Linear, Mlp
+from splatwire.types.metadata import SceneMetadata
 
 pytestmark = pytest.mark.slow
 
@@ -88,7 +89,8 @@ def test_finetune_command_runs(
     finished: AnchorScene, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     start, output = tmp_path / "start.scene", tmp_path / "out.scene"
-    save_scene(dataclasses.replace(finished, background=(0.0, 0.5, 0.0)), start)
+    metadata = SceneMetadata("Garden", license="CC0")
+    save_scene(dataclasses.replace(finished, background=(0.0, 0.5, 0.0), metadata=metadata), start)
     words = ["train", folder, "-o", output, "--init", start, "--iterations", 20, "--json"]
     with pytest.raises(SystemExit) as stopped:
         main([*map(str, words), "--loss", "bernoulli:0.2", "gilbert:0.2,3"])
@@ -97,6 +99,7 @@ def test_finetune_command_runs(
     assert report["recipe"]["losses"]["models"] == ["bernoulli:0.2", "gilbert:0.2,3"]
     assert report["recipe"]["background"] == [0.0, 0.5, 0.0]
     assert load_scene(output).anchors.num_anchors <= finished.anchors.num_anchors
+    assert load_scene(output).metadata == metadata
     for option in (("--voxel-size", "0.1"), ("--loss-share", "0.5")):
         with pytest.raises(SystemExit) as stopped:
             main([*map(str, words), *option])
