@@ -44,6 +44,18 @@ def test_metadata_round_trips_through_each_format(end: str, tmp_path: Path) -> N
     same(read_content(tmp_path / f"a{end}").metadata)
 
 
+@pytest.mark.parametrize(("value", "kept"), [(0.25, True), (math.nan, False)])
+def test_limits_of_an_orbit_in_elements_of_a_ply_are_read(value: float, kept: bool, tmp_path: Path) -> None:
+    write_splats([some_splats(20, 1)], tmp_path / "a.ply", metadata=SceneMetadata("Garden"))
+    names = ("safe_orbit_camera_elevation_min_max_radians", "safe_orbit_camera_radius_min")
+    more = "".join(
+        f"element {name} {count}\nproperty float {name}\n" for name, count in zip(names, (2, 1), strict=True)
+    )
+    head, mark, rows = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")
+    (tmp_path / "a.ply").write_bytes(head + more.encode() + mark + rows + struct.pack("<3f", -0.5, value, 2))
+    assert read_content(tmp_path / "a.ply").metadata == SceneMetadata("Garden", orbit=(-0.5, 0.25, 2) if kept else None)
+
+
 @pytest.mark.parametrize("end", ENDS)
 def test_file_without_metadata_is_unchanged(end: str, tmp_path: Path) -> None:
     for name, words in (("a", {}), ("b", {"metadata": NO_METADATA})):

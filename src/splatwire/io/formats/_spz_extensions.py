@@ -18,7 +18,7 @@ MAX_EXTENSION_BYTES = 1 << 20
 _RECORD = struct.Struct("<II")
 SAFE_ORBIT, COORDINATE_SYSTEM = 0xADBE0002, 0xADBE0003
 FRAMES = (
-    "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF", "LBD", "RBD", "LBU", "RBU", "LFD", "RFD", "LFU", "RFU",
+    "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF", "LFD", "RFD", "LFU", "RFU", "LBD", "RBD", "LBU", "RBU",
 )  # fmt: skip
 """Axis conventions of the extension `SPZ_ADOBE_coordinate_system`, from code 1; 0 means the default."""
 FRAME = "RUB"

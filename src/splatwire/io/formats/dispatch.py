@@ -43,7 +43,13 @@ from splatwire.io.formats._placement import warn_of_files_beside
 from splatwire.io.formats.compressed_ply import content_of_chunks, write_compressed_ply
 from splatwire.io.formats.content import FileContent, warn_of_distant_sites, warn_of_rounded_positions
 from splatwire.io.formats.outliers import DEFAULT, Outliers, check_outliers
-from splatwire.io.formats.ply import content_of_vertices, warn_of_colour_space, warn_of_other_gaussians, write_ply
+from splatwire.io.formats.ply import (
+    content_of_vertices,
+    orbit_of_elements,
+    warn_of_colour_space,
+    warn_of_other_gaussians,
+    write_ply,
+)
 from splatwire.io.formats.ply_file import read_ply_elements
 from splatwire.io.formats.ply_steps import PlySteps
 from splatwire.io.model_arguments import load_antialiasing
@@ -225,7 +231,8 @@ def _read_plain_ply(path: Path) -> FileContent:
         raise DatasetError(f"{path}: has no element vertex")
     warn_of_colour_space(elements)
     warn_of_other_gaussians(elements)
-    return content_of_vertices(vertices)
+    content, orbit = content_of_vertices(vertices), orbit_of_elements(elements)
+    return content if orbit is None else replace(content, metadata=replace(content.metadata, orbit=orbit))
 
 
 def _content(file_format: FileFormat, path: Path) -> FileContent:

@@ -33,7 +33,7 @@ from splatwire.io.formats.ply_file import PlyElement
 from splatwire.io.formats.ply_metadata import metadata_comments, stated_metadata
 from splatwire.io.formats.ply_steps import DIGEST_DIGITS, PlySteps, with_classes
 from splatwire.ops.spherical_harmonics import MAX_DEGREE, degree_of, num_functions
-from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.metadata import NO_METADATA, SceneMetadata, parse_field
 from splatwire.types.origin import NO_ORIGIN, Origin, choose_origin, describe_origin, misses_positions
 from splatwire.types.splats import CHUNK_GAUSSIANS, Splats
 
@@ -56,6 +56,8 @@ _HINTS = {
     6: "; a PLY of anchors is read by `splatwire import scaffold` or `hacpp`",
 }
 """Hints for files with another number of scales."""
+_ORBIT_ELEMENTS = {"safe_orbit_camera_elevation_min_max_radians": 2, "safe_orbit_camera_radius_min": 1}
+"""Names and numbers of rows of the elements with limits of an orbit."""
 _FLOAT_BYTES = 4
 _LINEAR_RGB = 1
 """Value of the element `color_space` of SHARP for linear RGB; 0 is sRGB."""
@@ -141,6 +143,26 @@ def warn_of_colour_space(elements: dict[str, PlyElement]) -> None:
             "%s: element color_space is %d, linear RGB: colours are read as sRGB and may look too dark",
             color_space.path, _LINEAR_RGB,
         )  # fmt: skip
+
+
+def orbit_of_elements(elements: dict[str, PlyElement]) -> tuple[float, float, float] | None:
+    """Returns the limits of an orbit that the reference software of SPZ writes into a PLY as elements.
+
+    Returns:
+        Smallest and largest elevation, radians, and smallest radius, world units; None if an element is missing or has
+        other values.
+    """
+    values: list[float] = []
+    for name, count in _ORBIT_ELEMENTS.items():
+        element = elements.get(name)
+        if element is None or element.names != (name,) or len(element.rows) != count:
+            return None
+        values += element.select_float64([name])[:, 0].tolist()
+    low, high, radius = values
+    try:
+        return SceneMetadata(orbit=parse_field("orbit", [low, high, radius])).orbit
+    except InvalidValueError:
+        return None
 
 
 def _origin(vertices: PlyElement) -> Origin:
