@@ -28,7 +28,7 @@ from splatwire.types.splats import Splats
 
 FRAMES = [
     *(x + y + z for z, y, x in itertools.product("BF", "DU", "LR")),
-    *(x + y + z for y, z, x in itertools.product("BF", "DU", "LR")),
+    *(x + y + z for y, z, x in itertools.product("FB", "DU", "LR")),
 ]
 """Coordinate systems in the order of the extension's codes, from 1."""
 RIGHT, DOWN, FORWARD = (1, 0, 0), (0, 1, 0), (0, 0, 1)
