@@ -208,7 +208,7 @@ def _sog(path: Path, change: dict[str, object], drop: str = "") -> Path:
         ({"count": 9_000}, "", "pixels, 9000 are needed"),
         ({"count": "70"}, "", "count is '70'"),
         ({"shN": {"bands": 1.0, "count": 64}}, "", "bands is 1.0"),
-        ({"scales": {"codebook": [0.0] * 255, "files": ["scales.webp"]}}, "", "scales.codebook is not 256 numbers"),
+        ({"scales": {"codebook": [0.0] * 257, "files": ["scales.webp"]}}, "", "scales.codebook is not 256 numbers"),
         ({"means": {"mins": [0, 0, float("nan")], "maxs": [1, 1, 1], "files": []}}, "", "means.files"),
         ({"sh0": None}, "", "sh0.files is missing|sh0.codebook is missing"),
         ({"quats": {"files": ["scales.webp"]}}, "", "scales.webp twice"),

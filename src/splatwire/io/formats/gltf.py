@@ -53,7 +53,7 @@ _MAX_CHUNKS = 1 << 10
 """Largest number of chunks of a binary file; two have a meaning."""
 _MAX_WARNED = 4
 """Maximum number of primitives with unclear fields that are logged."""
-_MIN_NEGATIVE = 0.01
+_MOST = 0.5
 """Share of negative scales above which scales are logarithms; sizes are not negative."""
 _MAX_STRIDE = 252
 """Largest distance between rows, bytes (glTF 2.0, section 3.6.2.4)."""
@@ -376,7 +376,7 @@ class _Gltf:
         opacities = self._accessor(attributes, f"{EXTENSION}:OPACITY", 1)[:, 0]
         warn_of_logits(self._path, opacities, "glTF")
         scales = self._accessor(attributes, f"{EXTENSION}:SCALE", 3)
-        are_logs = float((scales < 0).mean()) > _MIN_NEGATIVE if scales.size else False
+        are_logs = float((scales < 0).mean()) > _MOST if scales.size else False
         if are_logs:
             LOG.warning(
                 "%s: scales from %.3g to %.3g are read as logarithms, as in a draft of %s, because sizes are not "
