@@ -53,7 +53,9 @@ def test_limits_of_an_orbit_in_elements_of_a_ply_are_read(value: float, kept: bo
     )
     head, mark, rows = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")
     (tmp_path / "a.ply").write_bytes(head + more.encode() + mark + rows + struct.pack("<3f", -0.5, value, 2))
-    assert read_content(tmp_path / "a.ply").metadata == SceneMetadata("Garden", orbit=(-0.5, 0.25, 2.0) if kept else None)
+    assert read_content(tmp_path / "a.ply").metadata == SceneMetadata(
+        "Garden", orbit=(-0.5, 0.25, 2.0) if kept else None
+    )
 
 
 @pytest.mark.parametrize("end", ENDS)

@@ -1,6 +1,7 @@
 """Node hierarchy of a glTF: the meshes of its scene and their transforms."""
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,7 @@ def shown_instances(path: Path, document: dict[str, Any]) -> list[Instance]:
     return instances
 
 
-def described_nodes(indices: list[int | None]) -> str:
+def described_nodes(indices: Sequence[int | None]) -> str:
     """Returns the first of several nodes and the number of the others, for a message.
 
     Args:

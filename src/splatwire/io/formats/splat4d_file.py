@@ -141,5 +141,5 @@ def _run(path: Path, *words: str) -> None:
         env=os.environ | {"RUST_BACKTRACE": "0"},
     )  # fmt: skip
     if done.returncode:
-        words = done.stderr.rpartition("Error: ")[2].split()  # before the error, the program reports what it did
-        raise DatasetError(f"{path}: {_PROGRAM}: {' '.join(words)[:300] or done.returncode}")
+        problem = " ".join(done.stderr.rpartition("Error: ")[2].split())  # the program also reports what it did before
+        raise DatasetError(f"{path}: {_PROGRAM}: {problem[:300] or done.returncode}")
