@@ -33,6 +33,8 @@ pytestmark = pytest.mark.slow
 
 GROUP = 2
 RATE = 10
+MAP = (448_262.0, 5_411_932.0, 112.0)
+"""Origin of a scene in map coordinates (UTM)."""
 
 
 @dataclass
@@ -133,6 +135,7 @@ ODD = {
     "no row but NaN": not_numbers,
     "another degree": lambda path: write_splats([splats(30, degree=2)], path),
     "antialiasing": lambda path: write_splats([splats(30)], path, antialiased=True),
+    "map coordinates": lambda path: write_splats([splats(30)], path, origin=MAP),
     "rows beyond its header": lambda path: path.write_bytes(path.read_bytes().replace(b"vertex 101", b"vertex 999")),
     "a count without end": lambda path: path.write_bytes(path.read_bytes().replace(b"x 101", b"x 99999999999")),
 }  # fmt: skip
@@ -349,6 +352,35 @@ def test_persistent_new_degree_is_accepted_after_some_frames(tmp_path):
     shown = decoded(world.editions)
     assert [frame.number for frame in shown] == list(range(2 + 4))
     assert [frame.scene.splats.degree for frame in shown] == [0, 0, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize("origins", [((0.0, 0.0, 0.0), MAP), (MAP, (0.0, 0.0, 0.0))], ids=["to a map", "from a map"])
+def test_persistent_distant_origin_is_accepted_after_some_frames(tmp_path, origins):
+    """The frames before and after it keep precise positions."""
+    ids = itertools.count(7)
+    world = World(tmp_path / "in", LiveEncoder(SequenceOptions(Fraction(RATE), GROUP), lambda: next(ids)))
+    for number in range(2 + NUM_FRAMES_TO_ADOPT + 3):
+        write_splats([splats(100)], world.folder / f"frame_{number:04}.ply", origin=origins[number >= 2])
+    world.end = 6.0
+    world.live.run()
+    assert world.live.num_skipped == NUM_FRAMES_TO_ADOPT - 1
+    assert "positions near" in world.said[0]
+    shown = decoded(world.editions)
+    assert [frame.number for frame in shown] == list(range(2 + 4))
+    for frame in shown:
+        origin = np.array(origins[frame.number >= 2])
+        assert np.abs(np.array(frame.scene.origin) - origin).max() < 10
+        means = np.sort(frame.scene.splats.means + (np.array(frame.scene.origin) - origin), axis=0)
+        assert np.allclose(means, np.sort(splats(100).means, axis=0), atol=0.01)
+
+
+def test_frames_with_origins_near_each_other_are_one_stream(tmp_path):
+    world = World(tmp_path / "in")
+    for number in range(6):
+        x, y, z = MAP
+        write_splats([splats(100 + number)], world.folder / f"frame_{number:04}.ply", origin=(x + 40 * number, y, z))
+    assert world.run() == [100 + number for number in range(6)]
+    assert world.said == []
 
 
 def decoded(editions):

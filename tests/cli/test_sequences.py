@@ -16,6 +16,7 @@ from splatwire.cli import _run_serve
 from splatwire.cli._received_scenes import write_scene
 from splatwire.cli.receive import Receive
 from splatwire.cli.serve import Serve
+from splatwire.errors import InvalidValueError
 from splatwire.io import open_scene
 from splatwire.io.formats import write_splats
 from splatwire.sequence import frame_writer, open_sequence
@@ -122,6 +123,26 @@ def test_a_full_disk_leaves_no_part_of_received_frames(clip, tmp_path, monkeypat
     assert not list(tmp_path.iterdir())
     write_scene(command, stream, tmp_path / "frames", lambda task, share: None)
     assert len(list((tmp_path / "frames").iterdir())) == FRAMES
+
+
+def test_received_frames_do_not_go_to_standard_output(clip, tmp_path):
+    with pytest.raises(InvalidValueError, match="a folder is written, which standard output cannot be"):
+        write_scene(
+            Receive("udp://h", "-", conceal="motion"), read_stream(clip)[0], tmp_path / "x", lambda task, share: None
+        )
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_stream_that_the_output_cannot_contain_replaces_no_file(clip, tmp_path, monkeypatch):
+    """Not even one that has the name of the stream that is written instead."""
+    monkeypatch.chdir(tmp_path)
+    stream, own = read_stream(clip)[0], tmp_path / "room.swz"
+    own.write_bytes(b"own")
+    for number in (2, 3):
+        with pytest.raises(InvalidValueError, match=rf"what arrived is in .*room_{number}\.swz"):
+            write_scene(Receive("udp://h", "room.ply"), stream, tmp_path / "x", lambda task, share: None)
+        assert read_stream(tmp_path / f"room_{number}.swz")[0].packets == stream.packets
+    assert own.read_bytes() == b"own"
 
 
 @pytest.mark.parametrize(("most", "words"), [(20_000, ("--max-frames", FRAMES - 1)), (FRAMES - 1, ())])

@@ -29,6 +29,7 @@ from splatwire.bitstream import PRESETS, Packetization, read_stream, write_strea
 from splatwire.cli import _run_receive
 from splatwire.cli._run_receive import parse_seconds
 from splatwire.cli.main import main
+from splatwire.cli.receive import Receive
 from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.codec.preview import Preview, PreviewQuantisation, preview_scene, write_preview
 from splatwire.concealment import conceal
@@ -392,6 +393,19 @@ def test_waiting_for_a_live_stream_that_has_not_begun_is_reported_once(
     assert "no scene arrived (deadline: the stream has not begun)" in error
 
 
+def test_standard_output_gets_only_the_last_period_of_a_live_clip(
+    stream_file: Path, tmp_path: Path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    for number in range(3):
+        _run_receive._write_period(Receive("udp://h", "-"), read_stream(stream_file)[0], number)
+    assert not list(tmp_path.iterdir())
+    error = capsys.readouterr().err
+    assert error.count("only the last one goes to standard output: name a .swz file to keep all") == 1
+    _run_receive._write_period(Receive("udp://h", "a.swz"), read_stream(stream_file)[0], 1)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.001.swz"]
+
+
 @pytest.mark.parametrize("name", ["a.ply", "a.SPZ"])
 def test_live_clip_is_not_written_to_a_folder_with_the_name_of_a_file(name: str, tmp_path: Path, capsys):
     frames, target = tmp_path / "frames", tmp_path / name
@@ -498,8 +512,9 @@ def test_invalid_monitoring_address_is_refused(text: str, capsys: pytest.Capture
     assert "--monitor takes PORT or HOST:PORT" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("words", [(), ("--follow",)], ids=["once", "following"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_following_that_is_stopped_before_a_scene_arrives_fails(tmp_path: Path, monkeypatch, capsys, number):
+def test_reception_that_is_stopped_before_a_scene_arrives_fails(tmp_path: Path, monkeypatch, capsys, words, number):
     """A script must not take an old output for the scene."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
         silent.bind(("127.0.0.1", 0))
@@ -512,10 +527,12 @@ def test_following_that_is_stopped_before_a_scene_arrives_fails(tmp_path: Path, 
         waiting = threading.Thread(target=stop)
         waiting.start()
         url = f"udp://127.0.0.1:{silent.getsockname()[1]}/room"
-        assert call("receive", url, "-o", str(tmp_path / "a.swz"), "--follow") == 128 + number
+        assert call("receive", url, "-o", str(tmp_path / "a.swz"), *words) == 128 + number
         waiting.join()
     assert not list(tmp_path.iterdir())
-    assert capsys.readouterr().err.endswith("splatwire: stopped\n")
+    error = capsys.readouterr().err
+    assert error.endswith("splatwire: stopped\n")
+    assert ("no scene arrived (stopped)" in error) == (not words)
 
 
 def test_signals_have_their_handlers_again_after_a_transfer():

@@ -1,9 +1,11 @@
 """Methods, conditions and names of the page server follow HTTP (RFC 9110) and CORS (Fetch standard)."""
 
 import socket
+from urllib.parse import quote
 
 import pytest
 
+from splatwire.transport.access import Access
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.monitoring import MonitoringContent
 
@@ -114,6 +116,31 @@ def test_the_url_of_a_request_may_be_absolute(target: str, status: int):
     """Its host replaces that of the header, also if that header names this machine (RFC 9112, 3.2.2)."""
     assert ask(LOCAL, target=target)[0] == status
     assert ask(LOCAL, target=target, host="evil.example")[0] == status
+
+
+@pytest.mark.parametrize("name", ["room (2)", "Küche", "a+b & c, d", "it's", "100%", "50%20"])
+def test_a_path_may_be_encoded_in_any_way(name: str):
+    """Such as `encodeURIComponent` of JavaScript does, or nginx with a path in `proxy_pass`."""
+    content = PageContent({name: BODY, "a": b"other"})
+    paths = {
+        quote(name, safe=safe) for safe in ("", "!'()*", "!$&'()*+,;=:@")
+    } | {"".join(f"%{byte:02x}" for byte in name.encode())}  # fmt: skip
+    for path in paths:
+        assert ask(content, target=f"/streams/{path}.swz")[::2] == (200, BODY), path
+    assert ask(content, target=f"/streams/{quote(quote(name))}x.swz")[0] == 404
+
+
+def test_an_encoded_path_opens_no_private_scene():
+    access = Access(frozenset({"secret"}), problem=lambda token, name: None if token == "good" else "no")
+    content = PageContent({"city": BODY, "secret": BODY}, access=access)
+    for path in ("/private/secret.swz", "/private/%73ecret.swz", "/private/%73%65cret.swz"):
+        assert ask(content, target=path)[0] == 401, path
+        assert ask(content, target=f"{path}?token=good")[0] == 200, path
+    for path in (
+        "/streams/secret.swz", "/streams/%73ecret.swz", "/%70rivate/secret.swz", "/streams%2Fsecret.swz",
+        "/streams/..%2Fprivate%2Fsecret.swz", "/streams/../private/secret.swz", "/private%2Fsecret.swz",
+    ):  # fmt: skip
+        assert ask(content, target=path)[0] in (401, 404), path
 
 
 def test_an_absolute_url_and_its_path_have_the_same_answer():

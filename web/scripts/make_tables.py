@@ -58,8 +58,8 @@ WIRE_NAMES = {
         "VIEW_UPDATE", "LIVE", "VIEW_DEPENDENT", "MAX_DATAGRAM",
     ),
     messages: (
-        "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NACKS", "MAX_PARITY_RANGES", "MAX_DECLARED", "MAX_PREVIEW",
-        "MAX_HELD_BYTES",
+        "REFUSALS", "NOT_YET", "OTHER_VERSION", "MAX_NAME", "MAX_NACKS", "MAX_PARITY_RANGES", "MAX_DECLARED",
+        "MAX_PREVIEW", "MAX_HELD_BYTES",
     ),
     nack: ("MAX_NACK_ATTEMPTS",),
     gap_tracker: ("MAX_GAPS",),

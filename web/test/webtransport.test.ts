@@ -26,7 +26,7 @@ function message(kind: number, size: number, fill: (numbers: DataView) => void):
 }
 
 /** Returns how a session with a fake server ends, and its duration in milliseconds of a fake clock. */
-async function endOf(sending: Sending): Promise<[string, number]> {
+async function endOf(sending: Sending, name = "a"): Promise<[string, number]> {
   const world = globalThis as Record<string, unknown>;
   let now = 0,
     nonce: bigint | null = null,
@@ -57,7 +57,7 @@ async function endOf(sending: Sending): Promise<[string, number]> {
       counts: () => undefined,
     } as unknown as Listener;
   try {
-    receiveDatagrams({ url: "https://scenes.example/" }, "a", listener, null, { isRetry: true, isOnlySource: false })
+    receiveDatagrams({ url: "https://scenes.example/" }, name, listener, null, { isRetry: true, isOnlySource: false })
       .then((outcome) => (ended = outcome))
       .catch((error: unknown) => (ended = (error as Error).message));
     for (; ended === null && now < 2 * STOP_MS; now += STEP_MS) {
@@ -98,6 +98,14 @@ for (const [name, sending] of Object.entries(FRUITLESS))
     assert.equal(reason, "the server sends nothing new");
     assert.ok(ms >= 10_000 && ms < 11_000, `${ms} ms`);
   });
+
+test("no session is opened for a name that no request can contain", async () => {
+  const [reason, ms] = await endOf(() => [], "é".repeat(33));
+  assert.equal(reason, "the name of the stream has more than 64 bytes, too many for a session");
+  assert.ok(ms < 1000, `${ms} ms`);
+  const [silent] = await endOf(() => [], "é".repeat(32));
+  assert.equal(silent, "the server sends nothing new");
+});
 
 /** Symbol of the side information in `greeting`, each of 256 bytes. */
 const symbol = (index: number): Uint8Array =>

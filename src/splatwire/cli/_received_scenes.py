@@ -9,7 +9,7 @@ from splatwire.bitstream import SceneStream, write_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
 from splatwire.bitstream.tile_selection import Viewpoint
 from splatwire.cli._concealers import check_concealer
-from splatwire.cli._files import STANDARD, output_folder, prepared_output
+from splatwire.cli._files import STANDARD, check_folder, output_folder, prepared_output
 from splatwire.cli._output import Reporter
 from splatwire.cli.receive import Receive
 from splatwire.codec import decode_stream
@@ -18,7 +18,7 @@ from splatwire.concealment import create_concealer
 from splatwire.data import load_cameras
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.evaluation.walkthrough.path import viewpoint_of
-from splatwire.files.names import real_path
+from splatwire.files.names import real_path, unused_path
 from splatwire.io import save_decoded
 from splatwire.io.formats.ply import write_ply
 from splatwire.sequence.frame_writer import check_num_frames, write_frames
@@ -75,12 +75,14 @@ def write_scene(command: Receive, stream: SceneStream, path: Path, show: Reporte
     """
     explicit = command.explicit
     if stream.manifest.schema.timed and not explicit:
+        check_folder(Path(command.output))
         check_num_frames(stream, None, f"receive it to a {FILE_SUFFIX} file, and decode that with --max-frames")
         with output_folder(str(path)) as folder:
             write_frames(stream, folder, ".ply", command.conceal or "", None, show)
         return
     if explicit != stream.manifest.schema.explicit or stream.manifest.schema.timed:
-        kept = real_path(Path(command.output)).with_suffix(FILE_SUFFIX)
+        name = "received" if command.output == STANDARD else command.output
+        kept = unused_path(real_path(Path(name)).with_suffix(FILE_SUFFIX))
         write_stream(stream, prepared_output(kept))
         raise InvalidValueError(
             f"{without_token(command.url)} sent {stream.manifest.elements}, which {command.output} is no name for; "

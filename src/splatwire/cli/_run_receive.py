@@ -14,7 +14,7 @@ from types import ModuleType
 
 from splatwire.bitstream import SceneStream, write_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
-from splatwire.cli._files import output_path, prepared_output, read_report_json
+from splatwire.cli._files import STANDARD, check_folder, output_path, prepared_output, read_report_json
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
 from splatwire.cli._receiving import (
@@ -68,6 +68,8 @@ def run(command: Receive) -> None:
                     f"{url} is a live clip, whose frames cannot be written to {command.output}: name a folder for "
                     f"them, or a {FILE_SUFFIX} file"
                 )
+            if isinstance(event, Welcomed) and event.is_live and command.conceal is not None:
+                check_folder(Path(command.output))
             moments.on_event(event, show)
             live.on_event(event)
             if isinstance(event, StreamReplaced) and not live.began:
@@ -80,7 +82,11 @@ def run(command: Receive) -> None:
             instead = _decoding_module().keep_preview(command, receiver.preview) if receiver.preview else ""
             missing = receiver.describe_missing()
             why = f"{reason}: {missing}" if missing else reason
-            raise MissingSideInfoError(f"{url}: no scene arrived ({why}){instead}")
+            nothing = MissingSideInfoError(f"{url}: no scene arrived ({why}){instead}")
+            if signals and reason == "stopped":
+                print_failure(str(nothing))
+                raise StoppedError(signals[0])  # sets the exit status
+            raise nothing
         if live.began:
             live.finish()
         elif command.conceal is None and not command.explicit:
@@ -181,7 +187,8 @@ def _transfer(
 def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
     """Writes one period of an endless live clip to a stream file, whose name contains the number of the period.
 
-    A live clip is divided into periods, each of which is an independent stream.
+    A live clip is divided into periods, each of which is an independent stream. If the output is standard output, the
+    period is dropped, with a warning for the first one.
 
     Args:
         command: Options of `splatwire receive`.
@@ -189,6 +196,13 @@ def _write_period(command: Receive, stream: SceneStream, number: int) -> None:
         number: Number of the period.
     """
     # The last period is written to the regular output.
+    if command.output == STANDARD:
+        if not number:
+            print_warning(
+                "the live clip has several periods, and only the last one goes to standard output: name a "
+                f"{FILE_SUFFIX} file to keep all"
+            )
+        return
     path = prepared_output(real_path(Path(command.output)).with_suffix(f".{number:03}{FILE_SUFFIX}"))
     write_stream(stream, path)
 

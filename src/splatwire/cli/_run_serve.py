@@ -34,6 +34,7 @@ from splatwire.transport.access import Access
 from splatwire.transport.event_log import log_event
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.origins import parse_origin
+from splatwire.transport.protocol.messages import MAX_NAME
 from splatwire.transport.protocol.preview import stream_preview
 from splatwire.transport.running_server import RunningServer
 
@@ -110,6 +111,13 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
         if other != path:
             raise InvalidValueError(
                 f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
+            )
+    for name, path in named.items():
+        if len(name.encode()) > MAX_NAME or not name.isprintable():
+            print(
+                f"splatwire: warning: {path}: clients cannot ask for '{name}' over UDP and QUIC, where a name has at "
+                f"most {MAX_NAME} bytes, all printable: rename it",
+                file=sys.stderr,
             )
     sources = {name: (path, read_stream(Path(path))[0].require_scene(path)) for name, path in named.items()}
     streams = {name: (path, in_datagrams(source, path)) for name, (path, source) in sources.items()}

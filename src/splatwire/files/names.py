@@ -1,5 +1,6 @@
 """Safe file names for user-supplied names, and validation of paths."""
 
+import itertools
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -36,6 +37,12 @@ def distinct_names(names: Iterable[str], fallback: str = "unnamed") -> tuple[str
 def real_path(path: Path) -> Path:
     """Returns the absolute path with symbolic links replaced by their targets, as far as the links can be followed."""
     return Path(os.path.realpath(path))  # `Path.resolve` fails for a link to itself
+
+
+def unused_path(path: Path) -> Path:
+    """Returns a path at which nothing exists: the given one, or one with a number before its suffix."""
+    numbered = (path.with_name(f"{path.stem}_{number}{path.suffix}") for number in itertools.count(2))
+    return next(one for one in itertools.chain([path], numbered) if not os.path.lexists(one))
 
 
 def path_of(value: object, content: str = "a file or folder") -> Path:

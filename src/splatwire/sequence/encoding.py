@@ -132,7 +132,8 @@ class SequenceEncoder:
         other = SequenceEncoder(self._options, self._choose_class_offsets, live=self._live)
         other._first_frame_number = other._num_frames = first_frame
         other._warned_of_harmonics, other._warned_kinds = self._warned_of_harmonics, self._warned_kinds
-        other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
+        of_frames = (ANTIALIASING, ORIGIN_SECTION.name)  # those of the next frame replace them
+        other._sections = {name: data for name, data in self._sections.items() if name not in of_frames}
         number = ByteWriter()
         number.unsigned(first_frame)
         if first_frame:

@@ -6,9 +6,10 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from splatwire.errors import MALFORMED, BackendUnavailableError, SplatwireError
+from splatwire.io.formats.content import coarse_positions
 from splatwire.sequence import SequenceOptions, read_frames
 from splatwire.sequence.frame_sources import (
     POLL_INTERVAL_S,
@@ -20,14 +21,29 @@ from splatwire.sequence.frame_sources import (
 )
 from splatwire.sequence.frames import Frame
 from splatwire.transport.protocol.live_packager import LiveSnapshot
+from splatwire.types.origin import Origin, describe_origin
 from splatwire.types.validity import validity_of_splats
 
 NUM_FRAMES_TO_ADOPT = 15
-"""Number of consecutive frames with a different degree of harmonics or antialiasing after which the sequence adopts
-their settings. Independent of the length of groups.
+"""Number of consecutive frames with a different degree of harmonics, antialiasing or distant origin after which the
+sequence adopts their settings. Independent of the length of groups.
 """
 FRAME_ERRORS = (SplatwireError, OSError, MemoryError, EOFError, *MALFORMED)
 """Exceptions that concern a single frame; encoding continues with the next frame."""
+
+
+class _FrameKind(NamedTuple):
+    """Properties that all frames of a sequence share.
+
+    Attributes:
+        degree: Degree of the spherical harmonics.
+        antialiased: True for antialiased drawing.
+        origin: World coordinates of a point near all Gaussians.
+    """
+
+    degree: int
+    antialiased: bool
+    origin: Origin
 
 
 @runtime_checkable
@@ -77,7 +93,7 @@ class LiveIngest:
         self._rate = float(options.rate)
         self._queue: deque[Path] = deque()
         self._drop_policy, self._unreadable = DropPolicy(self._rate, options.group_frames), UnreadableFrame()
-        self._frame_kind: tuple[int, bool] | None = None
+        self._frame_kind: _FrameKind | None = None
         self._num_of_other_kind, self._reason = 0, ""
         self.num_skipped = self.num_dropped = 0
 
@@ -164,13 +180,14 @@ class LiveIngest:
     def _accept(self, path: Path, frame: Frame) -> Frame | None:
         """Accepts a frame that can follow the previous frames; returns None if it must be skipped.
 
-        After `NUM_FRAMES_TO_ADOPT` frames in a row with another degree or antialiasing than before, the encoder starts
-        again with the last of them.
+        After `NUM_FRAMES_TO_ADOPT` frames in a row with another degree or antialiasing than before, or too far from the
+        origin of the frames before, the encoder starts again with the last of them.
         """
-        count, kind = frame.splats.num_gaussians, (frame.splats.degree, frame.antialiased)
+        count = frame.splats.num_gaussians
         if count and not _has_valid_rows(frame):
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
             return None
+        kind = _kind_of(frame, self._frame_kind)
         if self._frame_kind in (None, kind):
             self._frame_kind, self._num_of_other_kind = kind, 0
             return frame
@@ -225,14 +242,28 @@ def _has_valid_rows(frame: Frame) -> bool:
     return bool(frame.drawn.any()) or validity_of_splats(frame.splats).num_invalid < frame.splats.num_gaussians
 
 
-def _frame_properties(kind: tuple[int, bool]) -> str:
-    """Describes the properties of a frame that must be the same in all frames of a sequence, for messages.
+def _kind_of(frame: Frame, before: _FrameKind | None) -> _FrameKind:
+    """Returns the properties of a frame that must be the same in all frames of a sequence.
 
     Args:
-        kind: Degree of the spherical harmonics, and the antialiasing flag.
+        frame: The frame.
+        before: Properties of the frames before; None for the first frame. Their origin is the result's origin, too, if
+            the positions of the frame relative to it are precise.
     """
-    degree, antialiased = kind
-    return f"harmonics of degree {degree} and {'antialiasing' if antialiased else 'no antialiasing'}"
+    origin = frame.origin
+    if (
+        before is not None
+        and origin != before.origin
+        and coarse_positions(frame.relative_to(before.origin).splats) is None
+    ):
+        origin = before.origin
+    return _FrameKind(frame.splats.degree, frame.antialiased, origin)
+
+
+def _frame_properties(kind: _FrameKind) -> str:
+    """Describes the properties of a frame that must be the same in all frames of a sequence, for messages."""
+    antialiasing = "antialiasing" if kind.antialiased else "no antialiasing"
+    return f"harmonics of degree {kind.degree}, {antialiasing} and positions near {describe_origin(kind.origin)}"
 
 
 def _reason(error: Exception) -> str:

@@ -5,7 +5,7 @@ import { delay } from "../scheduler.ts";
 import type { Listener } from "./events.ts";
 import { permitted } from "./page_policy.ts";
 import { type StoredStream, Transfer } from "./transfer.ts";
-import { FEEDBACK_MS } from "./wire.ts";
+import { FEEDBACK_MS, MAX_NAME } from "./wire.ts";
 import { MessageReader } from "./wire_messages.ts";
 
 /** Maximum time until a session is open, or the server answers a look-up, milliseconds. */
@@ -73,7 +73,7 @@ export interface SessionOptions {
 
 const FIRST_SESSION: SessionOptions = { isRetry: false, isOnlySource: false };
 
-/** Error for a browser or page that cannot open sessions. */
+/** Error for a browser, page or stream name for which no session can be opened. */
 export class NoWebTransport extends Error {
   readonly final = true;
 }
@@ -104,6 +104,8 @@ export async function receiveDatagrams(
   options = FIRST_SESSION,
 ): Promise<string> {
   if (typeof WebTransport === "undefined") throw new NoWebTransport("this browser or page has no WebTransport");
+  if (new TextEncoder().encode(name).length > MAX_NAME)
+    throw new NoWebTransport(`the name of the stream has more than ${MAX_NAME} bytes, too many for a session`);
   const transport = await openSession(session, options),
     transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now(), before);
   const end = (error: unknown): void =>

@@ -30,6 +30,7 @@ export const REFUSALS = [
 ];
 export const NOT_YET = 5;
 export const OTHER_VERSION = 6;
+export const MAX_NAME = 64;
 export const MAX_NACKS = 250;
 export const MAX_PARITY_RANGES = 130;
 export const MAX_DECLARED = 1104;

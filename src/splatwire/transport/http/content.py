@@ -172,7 +172,7 @@ class PageContent:
             return (unquote(name), form, part) if is_available else None
         name, dot, form = unquote(target[1:]).rpartition(".")
         single = form not in FOLDERS and form in self._download_formats(name)
-        return (name, form, "") if dot and target == download_path(name, form) and single else None
+        return (name, form, "") if dot and _is_same_path(target, download_path(name, form)) and single else None
 
     def _download_formats(self, name: str) -> tuple[str, ...]:
         """Returns the file formats in which a stream can be downloaded."""
@@ -322,7 +322,7 @@ class PageContent:
             return "200 OK", "application/json", json.dumps(self._stream_list()).encode(), cors_headers
         folder = PRIVATE if target.startswith(PRIVATE) else STREAMS
         name = unquote(target.removeprefix(folder).removesuffix(".swz"))
-        if target == self._stream_path(name) and (file := self._file(name)) is not None:
+        if _is_same_path(target, self._stream_path(name)) and (file := self._file(name)) is not None:
             return "200 OK", "application/octet-stream", file, cors_headers
         return None
 
@@ -412,6 +412,18 @@ class PageContent:
                 {host_of(self.public_origin)} if self.public_origin else set()
             )
         return True
+
+
+def _is_same_path(target: str, path: str) -> bool:
+    """True if two URL paths are equal after percent-decoding, with slashes at the same places.
+
+    Proxies such as nginx encode a path anew, and JavaScript leaves characters unencoded that Python encodes.
+
+    Args:
+        target: Path of a request.
+        path: Path on this server.
+    """
+    return [unquote(part) for part in target.split("/")] == [unquote(part) for part in path.split("/")]
 
 
 def web_file(name: str) -> str:

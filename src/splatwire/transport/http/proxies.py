@@ -1,6 +1,7 @@
 """Trusted reverse proxies: the address of a client from the header `X-Forwarded-For`."""
 
 import ipaddress
+import re
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
@@ -8,6 +9,7 @@ from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.http.messages import read_request
 
 IpNetwork: TypeAlias = ipaddress.IPv4Network | ipaddress.IPv6Network
+_WITH_PORT = re.compile(r"(?:([0-9.]+)|\[([0-9A-Fa-f:.]+)\])(?::[0-9]+)?")
 
 
 def parse_networks(texts: Sequence[str]) -> tuple[IpNetwork, ...]:
@@ -40,12 +42,17 @@ def client_address(peer: Any, head: bytes, proxies: Sequence[IpNetwork]) -> tupl
         return (address,)
     # Each proxy appends the address of its client. Addresses before the first untrusted one may be forged.
     while _is_trusted(address, proxies) and listed:
-        text = listed.pop().strip()
         try:
-            address = str(ipaddress.ip_address(text))
+            address = str(ipaddress.ip_address(_without_port(listed.pop().strip())))
         except ValueError:
             break
     return (address,)
+
+
+def _without_port(text: str) -> str:
+    """Returns an address without the port that some proxies append: `192.0.2.1:443` or `[2001:db8::1]:443`."""
+    match = _WITH_PORT.fullmatch(text)
+    return text if match is None else match[1] or match[2]
 
 
 def _is_trusted(address: str, proxies: Sequence[IpNetwork]) -> bool:
