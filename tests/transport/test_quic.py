@@ -4,6 +4,7 @@ import asyncio
 import errno
 import logging
 import random
+import socket
 import sys
 from collections.abc import AsyncIterator, Coroutine
 from contextlib import asynccontextmanager
@@ -102,6 +103,33 @@ def test_a_port_of_the_other_transport_is_named():
         async with serving() as server:
             reason = (await receive_udp(Address("127.0.0.1", server.port), ReceiverOptions())).finished.reason
             assert reason == "this port serves quic://, not udp://: use a quic:// address"
+
+    run(work())
+
+
+@pytest.mark.parametrize("first", ["refuses", "has no route", "is silent"])
+def test_a_server_is_found_at_any_of_its_addresses(monkeypatch, first):
+    def connected(family, target):
+        if first == "has no route" and target[0] == "127.0.0.2":
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+        return connected_socket(family, target)
+
+    async def work() -> None:
+        async with serving() as server:
+            targets = [("127.0.0.2", server.port), ("127.0.0.1", server.port)]
+
+            async def resolved(_):
+                return [(socket.AF_INET, target) for target in targets]
+
+            monkeypatch.setattr(client, "resolve", resolved)
+            monkeypatch.setattr(client, "connected_socket", connected)
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+                if first == "is silent":
+                    silent.bind(targets[0])
+                assert (await fetch(server.port, ReceiverOptions(silence_s=1.0))).finished.reason == "complete"
+            if first == "refuses":
+                targets[1] = ("127.0.0.3", server.port)
+                assert (await fetch(server.port)).finished.reason == "nothing listens there"
 
     run(work())
 

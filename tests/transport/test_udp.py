@@ -337,6 +337,8 @@ def test_callback_error_is_raised_in_the_caller():
 
 def test_udp_addresses_are_parsed():
     assert parse_url("udp://example.org:1234/scene") == Address("example.org", 1234, "scene")
+    assert parse_url("udp://h/my%20K%C3%BCche") == parse_url("udp://h/my Küche") == Address("h", 4840, "my Küche")
+    assert parse_url("udp://h/100% real").name == "100% real"
     assert parse_url("udp://[::1]") == Address("::1", DEFAULT_PORT)
     for wrong in (
         "http://x",
@@ -363,6 +365,48 @@ def test_names_that_no_host_can_have_are_refused(host: str) -> None:
         asyncio.run(resolve(Address(host, 1)))
     with pytest.raises(InvalidValueError, match=r"cannot listen on UDP port 0 of a.*no host name"):
         bound_socket(host, 0)
+
+
+def test_all_addresses_of_a_name_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    six, four = ("::1", 7, 0, 0), ("127.0.0.1", 7)
+    found = [(socket.AF_INET6, socket.SOCK_DGRAM, 17, "", six)] * 2 + [
+        (socket.AF_INET, socket.SOCK_DGRAM, 17, "", four)
+    ]
+    monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: found)
+    assert asyncio.run(resolve(Address("localhost", 7))) == [(socket.AF_INET6, six), (socket.AF_INET, four)]
+
+
+@pytest.mark.parametrize("first", ["refuses", "has no route", "is silent"])
+def test_a_server_is_found_at_any_of_its_addresses(monkeypatch: pytest.MonkeyPatch, first: str) -> None:
+    """`localhost` is ::1 and 127.0.0.1 on many systems, and a server listens at one of them."""
+    monkeypatch.setattr(udp, "ADDRESS_TIMEOUT_S", 0.5)
+
+    def connected(family: socket.AddressFamily, target: Any) -> socket.socket:
+        if first == "has no route" and target[0] == "127.0.0.2":
+            raise OSError(errno.ENETUNREACH, "Network is unreachable")
+        return connected_socket(family, target)
+
+    async def work() -> None:
+        server, silent = served(STREAM), socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        targets = [("127.0.0.2", server.port), ("127.0.0.1", server.port)]
+
+        async def resolved(_: Address) -> list[tuple[socket.AddressFamily, Any]]:
+            return [(socket.AF_INET, target) for target in targets]
+
+        monkeypatch.setattr(udp, "resolve", resolved)
+        monkeypatch.setattr(udp, "connected_socket", connected)
+        try:
+            if first == "is silent":
+                silent.bind(targets[0])
+            assert (await fetch(server.port)).stream() == STREAM
+        finally:
+            silent.close()
+            server.close()
+        if first == "refuses":
+            targets[1] = ("127.0.0.3", server.port)
+            assert (await fetch(server.port)).finished.reason == "nothing listens there"
+
+    run(work())
 
 
 def test_a_missing_resource_is_not_taken_for_an_unknown_host(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,7 @@
 """Server addresses: parsing of `udp://`, `quic://` and `moq://` URLs."""
 
 from dataclasses import dataclass, field
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl, unquote, urlsplit
 
 from splatwire.errors import InvalidValueError, shown
 
@@ -61,7 +61,8 @@ def parse_url(url: str) -> Address:
     """Parses a server URL.
 
     Its forms are `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME][?token=TOKEN]` and `moq://RELAY[:PORT]/NAME`.
-    NAME is the name of the requested stream. The default port is 4840, or 443 for `moq`.
+    NAME is the name of the requested stream, in which characters may be percent-encoded. The default port is 4840, or
+    443 for `moq`.
 
     Raises:
         InvalidValueError: If the text is not such a URL.
@@ -90,7 +91,7 @@ def parse_url(url: str) -> Address:
             f"'{without_token(url)}' with a token is not an address to receive from: tokens are for quic://, which is "
             "encrypted"
         )
-    name = parts.path.strip("/")
+    name = unquote(parts.path.strip("/"))
     if parts.scheme == "moq" and not name:
         raise InvalidValueError(f"'{without_token(url)}' names no scene: moq://RELAY/NAME")
     return Address(parts.hostname, PORTS[parts.scheme] if port is None else port, name, parts.scheme, token)

@@ -4,6 +4,7 @@ import abc
 import asyncio
 import errno
 import logging
+import math
 import os
 import socket
 from collections import deque
@@ -45,6 +46,10 @@ On Windows, Python gives these names the values of its socket errors, such as WS
 ADDRESS_LOST_ERROR = errno.EINVAL
 """Error code of sending if this machine no longer has the address of the socket."""
 
+ServerAddress = tuple[socket.AddressFamily, Any]
+"""One of the addresses of a server: its family and its numeric socket address."""
+ADDRESS_TIMEOUT_S = 2.0
+"""Time without an answer after which a client over UDP tries the next address of its server, seconds."""
 Tap = Callable[[Endpoint, Endpoint, bytes], None]
 """Callback for every datagram sent or received, with its source, its destination and its payload."""
 
@@ -198,8 +203,8 @@ class UdpServer(SocketServer):
         self.pump()
 
 
-async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
-    """Resolves the host name of a server to its address family and numeric socket address.
+async def resolve(address: Address) -> list[ServerAddress]:
+    """Resolves the host name of a server to its addresses, the preferred one first.
 
     Raises:
         UnknownHostError: If the host name cannot be resolved.
@@ -210,7 +215,7 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Any]:
     except (socket.gaierror, UnicodeError) as error:  # a label of more than 63 characters is a UnicodeError
         reason = getattr(error, "strerror", None) or "it is no host name"
         raise UnknownHostError(f"the host '{address.host:.80}' is not known: {reason}") from error
-    return addresses[0][0], addresses[0][4]
+    return list(dict.fromkeys((family, target) for family, *_, target in addresses))
 
 
 def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
@@ -255,25 +260,35 @@ async def receive_udp(
     if stop is not None and stop.done():
         receiver.stop()
         return receiver
-    family, target = await resolve(address)
-    client = _Client(connected_socket(family, target), receiver, on_event, tap)
+    client = _Client(await resolve(address), receiver, on_event, tap)
     if stop is not None:
         stop.add_done_callback(lambda _: client.stop())
     return await client.run()
 
 
 class _Client:
-    """Runs a receiver on a UDP socket: passes datagrams and the time to the receiver, and sends its datagrams."""
+    """Runs a receiver on a UDP socket: passes datagrams and the time to the receiver, and sends its datagrams.
+
+    If the server has several addresses, such as `localhost` on many systems, they are tried in turn until one answers.
+    """
 
     def __init__(
-        self, connection: socket.socket, receiver: Receiver, on_event: Callable[[Event], Any] | None, tap: Tap | None
-    ) -> None:
-        self._socket, self._receiver, self._on_event, self._tap = connection, receiver, on_event, tap
-        self._local_address, self._server_address = connection.getsockname()[:2], connection.getpeername()[:2]
+        self, addresses: Sequence[ServerAddress], receiver: Receiver, on_event: Callable[[Event], Any] | None,
+        tap: Tap | None,
+    ) -> None:  # fmt: skip
+        self._receiver, self._on_event, self._tap = receiver, on_event, tap
         self._loop = asyncio.get_running_loop()
+        self._addresses = deque(addresses)  # the current one first; empty once the server has answered
+        while True:
+            try:
+                self._use(connected_socket(*self._addresses[0]))
+                break
+            except OSError:  # no route to this address
+                if len(self._addresses) == 1:
+                    raise
+                self._addresses.popleft()
         self._finished = self._loop.create_future()
         self._timer: asyncio.TimerHandle | None = None
-        self._is_unusable = False
 
     async def run(self) -> Receiver:
         self._loop.add_reader(self._socket, self._readable)
@@ -303,11 +318,13 @@ class _Client:
                 except BlockingIOError:
                     break
                 except ConnectionRefusedError:
-                    if self._receiver.welcome is None and not self._receiver.may_resume(self._loop.time()):
+                    is_new = self._receiver.welcome is None and not self._receiver.may_resume(self._loop.time())
+                    if is_new and not self._try_next_address(is_refused=True):
                         self._send_and_report(*self._receiver.stop("nothing listens there"))
                     break
                 except OSError:
                     break
+                self._addresses.clear()
                 if self._tap:
                     self._tap(self._server_address, self._local_address, data)
                 self._send_and_report(*self._receiver.receive(data, self._loop.time()))
@@ -320,6 +337,8 @@ class _Client:
         if self._timer:
             self._timer.cancel()
             self._timer = None
+        if self._loop.time() >= self._address_until:
+            self._try_next_address()
         datagrams, events = self._receiver.poll(self._loop.time())
         if self._is_unusable or any(isinstance(event, Interrupted) for event in events):
             self._replace_socket()
@@ -336,8 +355,37 @@ class _Client:
             replacement = connected_socket(self._socket.family, self._socket.getpeername())
             self._loop.remove_reader(self._socket)
             self._socket.close()
-            self._socket, self._local_address, self._is_unusable = replacement, replacement.getsockname()[:2], False
+            self._use(replacement)
             self._loop.add_reader(replacement, self._readable)
+
+    def _use(self, connection: socket.socket) -> None:
+        self._socket, self._is_unusable = connection, False
+        self._local_address, self._server_address = connection.getsockname()[:2], connection.getpeername()[:2]
+        self._address_until = self._loop.time() + ADDRESS_TIMEOUT_S
+
+    def _try_next_address(self, *, is_refused: bool = False) -> bool:
+        """Continues with the next address of a server that has not answered yet; returns False if there is none.
+
+        Args:
+            is_refused: True if nothing listens at the current address, which is then not tried again.
+        """
+        while len(self._addresses) > 1:
+            if is_refused:
+                self._addresses.popleft()
+            else:
+                self._addresses.rotate(-1)
+            try:
+                replacement = connected_socket(*self._addresses[0])
+            except OSError:  # no route to this address
+                is_refused = True
+                continue
+            self._loop.remove_reader(self._socket)
+            self._socket.close()
+            self._use(replacement)
+            self._loop.add_reader(replacement, self._readable)
+            return True
+        self._address_until = math.inf
+        return False
 
     def _alarm(self) -> None:
         try:

@@ -3,6 +3,7 @@
 import asyncio
 import socket
 import ssl
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -98,7 +99,7 @@ async def receive_quic(
         receiver.stop()
         return receiver
     with _ending(options.deadline_s, stop) as end:
-        family, target = await resolve(address)
+        addresses = deque(await resolve(address))
         settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
         settings.server_name = address.host
         settings.cadata = trust.authority
@@ -106,19 +107,28 @@ async def receive_quic(
         pause = MIN_PAUSE_S
         while receiver.finished is None:
             began, transfer_events = loop.time(), list[Event]()
+            is_last = len(addresses) == 1
             try:
-                connection = connected_socket(family, target)
+                connection = connected_socket(*addresses[0])
             except OSError as error:  # no route to the server, as during an outage
-                if receiver.welcome is None and not receiver.may_resume(began):
+                if is_last and receiver.welcome is None and not receiver.may_resume(began):
                     raise
-                if not receiver.may_resume(began) and not end.done():
+                if is_last and not receiver.may_resume(began) and not end.done():
                     transfer_events = receiver.stop(f"the server fell silent; {error.strerror or error}")[1]
+                is_refused, is_reached = True, False
             else:
-                client = _Client(QuicConnection(configuration=settings), receiver, trust, on_event, tap, target)
+                quic = QuicConnection(configuration=settings)
+                client = _Client(quic, receiver, trust, on_event, tap, addresses[0][1], is_last=is_last)
                 end.add_done_callback(client.stopped)
                 await client.run(connection)
                 end.remove_done_callback(client.stopped)
+                is_refused, is_reached = client.is_refused, client.is_reached
             if receiver.finished is None:
+                if not is_last and is_refused and not receiver.may_resume(loop.time()):
+                    addresses.popleft()
+                    continue
+                if not is_reached:
+                    addresses.rotate(-1)
                 pause = MIN_PAUSE_S if loop.time() - began > STABLE_S else min(2 * pause, MAX_PAUSE_S)
                 await asyncio.wait([end], timeout=pause)
                 transfer_events = receiver.stop(end.result())[1] if end.done() else receiver.reconnect(loop.time())
@@ -166,20 +176,30 @@ class _Client(QuicConnectionProtocol):
 
     Messages from the server and the current time are passed to the receiver. Messages that the receiver returns are
     sent to the server, in QUIC datagrams or on the stream of the session.
+
+    Attributes:
+        is_refused: True if nothing listens at the address of the server.
     """
 
     def __init__(
         self, quic: QuicConnection, receiver: Receiver, trust: Trust, on_event: Callable[[Event], Any] | None,
-        tap: Tap | None, target: Any,
+        tap: Tap | None, target: Any, *,
+        is_last: bool = True,
     ) -> None:  # fmt: skip
         super().__init__(quic)
         self._receiver, self._trust, self._on_event, self._tap = receiver, trust, on_event, tap
-        self._target = target
+        self._target, self._is_last = target, is_last
+        self.is_refused = False
         self._reader = MessageReader()
         self._alarm: asyncio.TimerHandle | None = None
         self._finished = self._loop.create_future()
         self._established = self._is_interrupted = False
         self._socket_closed = asyncio.Event()
+
+    @property
+    def is_reached(self) -> bool:
+        """True if the handshake with a server has been completed."""
+        return self._established
 
     async def run(self, connection: socket.socket) -> Receiver:
         await self._loop.create_datagram_endpoint(lambda: self, sock=connection)
@@ -238,7 +258,9 @@ class _Client(QuicConnectionProtocol):
     def error_received(self, exc: Exception) -> None:
         if not isinstance(exc, ConnectionRefusedError) or self._established:
             return
-        if self._receiver.may_resume(self._loop.time()):  # the server may be restarting
+        self.is_refused = True
+        # The server may be restarting, or listen at another of its addresses.
+        if not self._is_last or self._receiver.may_resume(self._loop.time()):
             self._is_interrupted = True
             self._finish()
         else:
@@ -264,7 +286,9 @@ class _Client(QuicConnectionProtocol):
         by_application = event.frame_type is None
         final = event.error_code in ((MALFORMED, INTERNAL) if by_application else CERTIFICATE_ALERTS)
         now, idle = self._loop.time(), not by_application and _is_timeout(event)
-        if not final and (self._receiver.may_resume(now) or (idle and self._receiver.may_connect(now))):
+        if self._is_interrupted:  # this client has closed it
+            self._finish()
+        elif not final and (self._receiver.may_resume(now) or (idle and self._receiver.may_connect(now))):
             self._is_interrupted = True
             self._finish()
         else:
