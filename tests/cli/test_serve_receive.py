@@ -159,6 +159,16 @@ def test_serve_without_a_stream_serves_the_bundled_gaussians():
     assert program.preview
 
 
+@pytest.mark.parametrize(("name", "warned"), [("é" * 32, False), ("é" * 32 + "x", True), ("a\u200db", True)])
+def test_names_that_no_request_can_contain_are_named(
+    stream_file: Path, tmp_path: Path, capsys, name: str, warned: bool
+):
+    file = tmp_path / f"{name}.swz"
+    file.write_bytes(stream_file.read_bytes())
+    assert list(_run_serve._served_streams(Serve((str(file),)), Protection()).served) == [name]
+    assert (f"{file}: clients cannot ask for '{name}'" in capsys.readouterr().err) == warned
+
+
 def test_two_streams_of_one_name_are_refused(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     other = tmp_path / stream_file.name
     other.write_bytes(stream_file.read_bytes())
@@ -258,7 +268,7 @@ def test_serve_and_receive_work_over_quic(stream_file: Path, tmp_path: Path, cap
         )
         with urlopen(facts["page"], timeout=600) as page:
             content = page.read()
-        assert b'<splat-wire src="/streams/tiny.swz?' in content
+        assert b'<splat-wire src="streams/tiny.swz?' in content
         with urlopen(facts["page"] + "streams/tiny.swz", timeout=600) as file:
             assert sorted(file.read()) == sorted(stream_file.read_bytes()), "the same packets in another order"
         assert b'rel="icon" href="data:,"' in content, "else browsers ask for /favicon.ico, which is not there"

@@ -90,9 +90,11 @@ def test_a_private_scene_needs_a_valid_token(content, path):
 
 def test_private_scenes_have_no_other_address(content):
     good = make_token(KEY, ["secret"], 60.0)
-    for path in ("/streams/secret.swz", "/streams/secre%74.swz", "/private/secre%74.swz", "/private/open.swz"):
+    for path in ("/streams/secret.swz", "/streams/secre%74.swz", "/%70rivate/secret.swz", "/private/open.swz"):
         assert asked(content, with_token(path, good))[0] == 404, path
         assert asked(content, path)[0] in (401, 404), path
+    encoded = "/private/secre%74.swz"  # the same address
+    assert [asked(content, path)[0] for path in (encoded, with_token(encoded, good))] == [401, 200]
     assert asked(content, "/?stream=secre%74")[0] == 401
 
 
@@ -129,7 +131,7 @@ def test_lists_have_neither_private_nor_unlisted_scenes(content):
         assert status == 200
         assert "secret" not in body
         assert path == "/?stream=hidden" or "hidden" not in body
-    assert "/streams/open.swz" in asked(content, "/")[1]
+    assert '"streams/open.swz' in asked(content, "/")[1]
     assert asked(content, "/streams/hidden.swz")[0] == 200
     assert asked(content, "/hidden.spz")[0] == 200
 
@@ -137,8 +139,8 @@ def test_lists_have_neither_private_nor_unlisted_scenes(content):
 def test_the_page_of_a_private_scene_passes_the_token_on_and_opens_no_session(content):
     token = make_token(KEY, ["secret"], 60.0)
     body = asked(content, with_token("/?stream=secret", token))[1]
-    assert f'src="/private/secret.swz?token={token}"' in body
-    assert f'href="/secret.spz?token={token}"' in body
+    assert f'src="private/secret.swz?token={token}"' in body
+    assert f'href="secret.spz?token={token}"' in body
     assert "session=" not in body
     assert "session=" in asked(content, "/?stream=open")[1]
 

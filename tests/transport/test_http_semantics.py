@@ -1,7 +1,9 @@
 """Methods, conditions and names of the page server follow HTTP (RFC 9110) and CORS (Fetch standard)."""
 
+import html
+import re
 import socket
-from urllib.parse import quote
+from urllib.parse import quote, urljoin
 
 import pytest
 
@@ -128,6 +130,19 @@ def test_a_path_may_be_encoded_in_any_way(name: str):
     for path in paths:
         assert ask(content, target=f"/streams/{path}.swz")[::2] == (200, BODY), path
     assert ask(content, target=f"/streams/{quote(quote(name))}x.swz")[0] == 404
+
+
+def test_the_page_may_be_below_a_path_of_a_proxy():
+    """Its links, scripts and streams are relative to its own address."""
+    content = PageContent({"city": BODY, "a room": BODY}, public_origin="https://a.org")
+    page = ask(content, target="/")[2].decode()
+    links = re.findall(r'(?:href|src)="([^"]*)"', page)
+    assert {"page.css", "splatwire.js", "?stream=a%20room"} < set(links)
+    assert any(link.startswith("streams/city.swz?") for link in links)
+    for link in links:
+        if not link.startswith("data:"):
+            assert urljoin("https://a.org/splats/", link).startswith("https://a.org/splats/"), link
+            assert ask(content, target=urljoin("/", html.unescape(link)))[0] == 200, link
 
 
 def test_an_encoded_path_opens_no_private_scene():

@@ -159,7 +159,7 @@ def test_page_and_streams_behind_nginx(tmp_path: Path, caplog: pytest.LogCapture
                 page = await asked("/", X_Forwarded_For="203.0.113.9")
                 assert page.status == 200
                 assert b'session=":4840/splatwire"' in page.body
-                path = page.body.split(b'src="/streams/')[1].split(b'"')[0].decode()
+                path = page.body.split(b'src="streams/')[1].split(b'"')[0].decode()
                 first = await asked(f"/streams/{path}")
                 assert (first.status, first.body) == (200, BODY)
                 assert first.headers["Access-Control-Allow-Origin"] == "*"

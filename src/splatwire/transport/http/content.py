@@ -192,7 +192,8 @@ class PageContent:
             token: Access token to add to the links; empty to add none.
         """
         query = f"?token={token}" if token else ""
-        files = {form: html.escape(download_path(name, form) + query) for form in self._download_formats(name)}
+        paths = {form: _relative(download_path(name, form)) for form in self._download_formats(name)}
+        files = {form: html.escape(path + query) for form, path in paths.items()}
         links = [
             f'<li><a href="{url}">{html.escape(name)}, {form}</a></li>' if form in FOLDERS else
             f'<li><a href="{url}" download>{html.escape(name)}.{form}</a></li>' for form, url in files.items()
@@ -331,7 +332,7 @@ class PageContent:
         token = token_in(query) if self._is_private(name) else ""
         address = f"{self._stream_path(name)}?token={token}" if token else self._stream_url(name)
         # a live stream of datagrams has no file: `src` then only names it
-        attributes = {"src": address, **self.attributes} if name else dict(self.attributes)
+        attributes = {"src": _relative(address), **self.attributes} if name else dict(self.attributes)
         if (endpoint := self._endpoint()) and not self._is_private(name):
             # Relative, because behind a proxy the request's host may differ from the one in the visitor's address bar.
             attributes["session"] = f":{endpoint.port}{endpoint.path}"
@@ -342,7 +343,7 @@ class PageContent:
             attributes |= start_attributes(*_side_info_of(stream))  # shows the preview before the stream arrives
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
         scenes = {one: self._scene_attributes(one) for one in self._listed()}
-        listed = scene_list(scenes, name, lambda one: f"/?stream={quote(one, safe='')}")
+        listed = scene_list(scenes, name, lambda one: f"?stream={quote(one, safe='')}")
         listed += self._download_list(name, token)
         return web_file("index.html").replace("$scenes", listed).replace("$attributes", words)
 
@@ -424,6 +425,11 @@ def _is_same_path(target: str, path: str) -> bool:
         path: Path on this server.
     """
     return [unquote(part) for part in target.split("/")] == [unquote(part) for part in path.split("/")]
+
+
+def _relative(path: str) -> str:
+    """Returns a path of this server relative to its page: a proxy may offer the page below a path of its own."""
+    return path.removeprefix("/")
 
 
 def web_file(name: str) -> str:
