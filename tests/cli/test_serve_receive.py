@@ -163,6 +163,9 @@ def test_serve_without_a_stream_serves_the_bundled_gaussians():
 def test_names_that_no_request_can_contain_are_named(
     stream_file: Path, tmp_path: Path, capsys, name: str, warned: bool
 ):
+    from splatwire.cli import _run_serve
+    from splatwire.cli.serve import Serve
+
     file = tmp_path / f"{name}.swz"
     file.write_bytes(stream_file.read_bytes())
     assert list(_run_serve._served_streams(Serve((str(file),)), Protection()).served) == [name]
