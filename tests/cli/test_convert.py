@@ -169,6 +169,19 @@ def test_clips_become_time_samples_of_openusd_and_clips_again(run, frames, tmp_p
     assert run("convert", tmp_path / "direct.usdz", tmp_path / "files", "--to", "ply", "--json").json["num_frames"] == 3
 
 
+def test_very_many_frames_become_no_file_of_another_program(run, frames, tmp_path, monkeypatch):
+    """A few bytes may announce 131,072 frames, which such a file would contain one by one."""
+    assert run("convert", frames, tmp_path / "walk.swz").status == 0
+    monkeypatch.setattr("splatwire.sequence.frame_writer.MAX_FILES", 2)
+    for name in ("walk.splat4d", "walk.4dgs", "walk.usdc"):
+        done = run("convert", tmp_path / "walk.swz", tmp_path / name)
+        assert done.status == 2
+        assert "has 3 frames, and a file of this format gets 2 at most" in done.err
+        assert not (tmp_path / name).exists()
+    done = run("convert", tmp_path / "walk.swz", tmp_path / "files", "--to", "spz")
+    assert "--max-frames of `decode` allows more" in done.err
+
+
 @pytest.mark.slow
 def test_clips_become_files_of_other_programs_and_clips_again(run, frames, tmp_path):
     pytest.importorskip("fourdgs", reason="fourdgs is not installed")

@@ -151,7 +151,7 @@ def test_decode_writes_very_many_frames_only_on_request(run, clip, tmp_path, mon
     monkeypatch.setattr("splatwire.sequence.frame_writer.MAX_FILES", most)
     outcome = run("decode", clip, "-o", tmp_path / "out", *words)
     assert outcome.status == 2
-    assert f"has {FRAMES} frames, and no more than {FRAMES - 1} files are written: --max-frames" in outcome.err
+    assert f"has {FRAMES} frames, and no more than {FRAMES - 1} files are written: --max-frames of" in outcome.err
     assert not (tmp_path / "out").exists()
     assert run("decode", clip, "-o", tmp_path / "one.ply", "--frame", 4, *words).status == 0
     assert run("decode", clip, "-o", tmp_path / "all", "--max-frames", FRAMES).status == 0

@@ -29,6 +29,7 @@ from splatwire.cli.decode import Decode
 from splatwire.cli.encode import Encode
 from splatwire.cli.export import Export
 from splatwire.codec.background import BACKGROUND_SECTION
+from splatwire.codec.sequence.side_info import open_side_info
 from splatwire.concealment import create_concealer
 from splatwire.errors import InvalidValueError, UnknownNameError
 from splatwire.files.kinds import STREAMS, file_kind
@@ -40,6 +41,7 @@ from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.dispatch import format_named, warn_of_background
 from splatwire.lod.sog_levels import write_sog_levels
 from splatwire.lod.tileset import TilesetReport, write_tileset
+from splatwire.sequence import frame_writer
 from splatwire.sequence.frame_writer import write_frame_files
 from splatwire.sequence.frames import is_sequence, open_sequence
 from splatwire.sequence.options import FRAME_RATE
@@ -171,6 +173,12 @@ def _convert_sequence(path: Path, chosen: Conversion, sequence_format: SequenceF
     with progress_bars() as report:
         if file_kind(path) in STREAMS:
             stream = read_stream(path)[0]
+            num_frames = open_side_info(stream.manifest, stream.side_info).timeline.num_frames
+            if num_frames > frame_writer.MAX_FILES:
+                raise InvalidValueError(
+                    f"{chosen.source}: the clip of {stream.num_bytes:,} bytes has {num_frames:,} frames, and a file of "
+                    f"this format gets {frame_writer.MAX_FILES:,} at most"
+                )
             warn_of_background(output, BACKGROUND_SECTION.of_stream(stream))
             frames, count, rate = contents_of_stream(stream)
         else:

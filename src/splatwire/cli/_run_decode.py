@@ -81,7 +81,7 @@ def _decode_sequence(command: Decode, stream: SceneStream, report: ReadReport) -
     format_for(f"x{suffix}" if folder else command.output)
     outliers = chosen_outliers(command.outliers, f"x{suffix}" if folder else command.output)
     if command.frame is None:
-        check_num_frames(stream, command.max_frames, "--max-frames allows more, --frame writes one")
+        check_num_frames(stream, command.max_frames, "--max-frames of `decode` allows more, --frame writes one")
     started, method = time.perf_counter(), command.conceal or DEFAULT
     output = (
         output_folder(command.output)
