@@ -6,6 +6,7 @@ import re
 import shutil
 import threading
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.io.formats import read_splats
 from splatwire.transport import Protection, make_served_stream
 from splatwire.transport.access import Access
+from splatwire.transport.http import content as content_module
 from splatwire.transport.http.content import PageContent, served_stream_file
 from splatwire.transport.http.downloads import DownloadedFile
 from splatwire.transport.http.server import PageServer
@@ -91,6 +93,27 @@ def test_only_offered_formats_of_known_streams_are_made(program):
         assert "404" in served(content, (path,))[0][0], path
     assert downloads.made == 0
     assert "404" in served(PageContent({"room": program}), ("/room.spz",))[0][0]
+
+
+def test_side_information_is_read_once_for_all_pages(program, monkeypatch):
+    """A flood of requests for the page of many scenes would take the processor time of transfers."""
+    read, real = [], content_module._manifest_and_side_info
+    monkeypatch.setattr(
+        content_module, "_manifest_and_side_info", lambda stream: (read.append(stream), real(stream))[1]
+    )
+    shown = replace(program, preview=b"preview")
+    streams = {"a": shown, "b": shown}
+    content = PageContent(streams, downloads=Counted())
+    head = b"GET /?stream=a HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
+    page = bytes(content.respond_now(head).body)
+    assert b'preview="cHJldmlldw=="' in page
+    assert read
+    read.clear()
+    assert {bytes(content.respond_now(head).body) for _ in range(3)} == {page}
+    assert not read
+    streams["a"] = replace(program, preview=b"another")
+    assert b'preview="YW5vdGhlcg=="' in bytes(content.respond_now(head).body)
+    assert len(read) == 1
 
 
 def test_the_page_links_to_the_files(program):

@@ -55,6 +55,22 @@ _PREFLIGHT = (
 """CORS headers that answer a preflight: methods and request headers that a page of another web origin may use."""
 
 
+class _StreamFacts(NamedTuple):
+    """Facts about a prepared stream for the page.
+
+    Attributes:
+        stream: The stream.
+        manifest: Its manifest.
+        start_attributes: HTML attributes with its initial view and up axis.
+        preview_attributes: HTML attributes with which the list of scenes shows its preview; empty without a preview.
+    """
+
+    stream: ServedStream
+    manifest: Manifest
+    start_attributes: Mapping[str, str]
+    preview_attributes: Mapping[str, str]
+
+
 class WebTransportEndpoint(NamedTuple):
     """WebTransport endpoint of the server, to which the page connects.
 
@@ -99,6 +115,7 @@ class PageContent:
     updates: Mapping[str, ServedStream | bytes] = field(default_factory=dict)
     downloads: Downloads | None = None
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
+    _facts: dict[str, "_StreamFacts"] = field(default_factory=dict, init=False, repr=False)
     _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
 
     def respond_now(self, head: bytes) -> Response:
@@ -179,7 +196,7 @@ class PageContent:
         stream = self.streams.get(name)
         if self.downloads is None or not isinstance(stream, ServedStream) or stream.is_live:
             return ()
-        schema = _manifest_and_side_info(stream)[0].schema
+        schema = self._facts_of(name, stream).manifest.schema
         private = self._is_private(name)  # addresses inside the files of a folder have no token
         offered = tuple(form for form in self.downloads.formats if not (private and form in FOLDERS))
         return offered if schema.explicit and not schema.timed else ()
@@ -340,7 +357,8 @@ class PageContent:
         stream = self.streams.get(name)
         if isinstance(stream, ServedStream) and stream.preview:
             attributes["preview"] = base64.b64encode(stream.preview).decode()
-            attributes |= start_attributes(*_side_info_of(stream))  # shows the preview before the stream arrives
+            # shows the preview before the stream arrives
+            attributes |= self._facts_of(name, stream).start_attributes
         words = " ".join(f'{key}="{html.escape(value)}"' for key, value in attributes.items())
         scenes = {one: self._scene_attributes(one) for one in self._listed()}
         listed = scene_list(scenes, name, lambda one: f"?stream={quote(one, safe='')}")
@@ -354,7 +372,17 @@ class PageContent:
         preview.
         """
         stream = self.streams[name]
-        return preview_attributes(*_side_info_of(stream), stream.preview) if isinstance(stream, ServedStream) else {}
+        return dict(self._facts_of(name, stream).preview_attributes) if isinstance(stream, ServedStream) else {}
+
+    def _facts_of(self, name: str, stream: ServedStream) -> "_StreamFacts":
+        """Returns facts about a stream; reads them from its side information at the first call for the stream only."""
+        facts = self._facts.get(name)
+        if facts is None or facts.stream is not stream:
+            manifest, side_info = _manifest_and_side_info(stream)
+            start = start_attributes(side_info, manifest.schema_name)
+            preview = preview_attributes(side_info, manifest.schema_name, stream.preview)
+            facts = self._facts[name] = _StreamFacts(stream, manifest, start, preview)
+        return facts
 
     def _stream_url(self, name: str) -> str:
         """Returns the URL of a stream's file on this server."""
@@ -477,9 +505,3 @@ def _manifest_and_side_info(stream: ServedStream) -> tuple[Manifest, bytes]:
     )
     manifest, side_info, _ = split_init_segment(b"".join(symbols)[: stream.init_segment_bytes])
     return manifest, side_info
-
-
-def _side_info_of(stream: ServedStream) -> tuple[bytes, str]:
-    """Returns the side information of a prepared stream and the name of the stream's schema."""
-    manifest, side_info = _manifest_and_side_info(stream)
-    return side_info, manifest.schema_name
