@@ -134,6 +134,21 @@ def test_a_server_is_found_at_any_of_its_addresses(monkeypatch, first):
     run(work())
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell local addresses")
+def test_responses_come_from_the_address_that_a_client_has_sent_to():
+    async def work() -> None:
+        server = QuicServer(PROGRAMS, "0.0.0.0", 0, identity=IDENTITY)
+        await server.start()
+        try:
+            for target in ("127.0.0.1", "127.0.0.2"):
+                address = Address(target, server.port, scheme="quic")
+                assert (await receive_quic(address, ReceiverOptions(), PINNED)).finished.reason == "complete"
+        finally:
+            server.close()
+
+    run(work())
+
+
 @pytest.mark.parametrize("focal", [200.0, 1e5])
 def test_view_of_a_scene_with_levels_gets_all_its_tiles(focal, caplog):
     levels = encode_levels(

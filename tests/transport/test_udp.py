@@ -4,6 +4,7 @@ import asyncio
 import errno
 import random
 import socket
+import sys
 from collections.abc import Coroutine
 from typing import Any
 
@@ -18,6 +19,7 @@ from splatwire.transport import (
     Receiver,
     ReceiverOptions,
     ServerLimits,
+    local_addresses,
     make_served_stream,
     udp,
 )
@@ -407,6 +409,45 @@ def test_a_server_is_found_at_any_of_its_addresses(monkeypatch: pytest.MonkeyPat
             assert (await fetch(server.port)).finished.reason == "nothing listens there"
 
     run(work())
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems do not tell local addresses")
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_responses_come_from_the_address_that_a_client_has_sent_to(host: str) -> None:
+    """Clients ignore other addresses. A machine may have several, such as a floating one."""
+
+    async def work() -> None:
+        try:
+            server = UdpServer({"scene": make_served_stream(OTHER, Protection())}, host, 0)
+        except InvalidValueError:
+            pytest.skip("this machine has no IPv6")
+        try:
+            for target in ("127.0.0.1", "127.0.0.2", "127.9.9.9", *(["::1"] if host == "::" else [])):
+                receiver = await receive_udp(Address(target, server.port), ReceiverOptions())
+                assert receiver.stream() == OTHER, target
+        finally:
+            server.close()
+
+    run(work())
+
+
+def test_local_addresses_of_few_clients_are_stored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A flood from forged addresses fills no memory."""
+    monkeypatch.setattr(local_addresses, "_MAX_CLIENTS", 8)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
+        server.bind(("0.0.0.0", 0))
+        found = local_addresses.local_addresses([server])
+        if found is None:
+            pytest.skip("the system does not tell local addresses")
+        for _ in range(50):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as client:
+                client.settimeout(60)
+                client.connect(("127.0.0.3", server.getsockname()[1]))
+                client.send(b"x")
+                data, address = found.receive(server, 100)
+                found.send(server, data, address)
+                assert client.recv(100) == b"x"
+                assert len(found._controls) <= 8
 
 
 def test_a_missing_resource_is_not_taken_for_an_unknown_host(monkeypatch: pytest.MonkeyPatch) -> None:

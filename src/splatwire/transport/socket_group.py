@@ -18,6 +18,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 from splatwire.transport.address import cannot_listen, check_port
+from splatwire.transport.local_addresses import local_addresses
 from splatwire.transport.protocol.wire import HELLO, REQUEST, VERSION
 
 LOG = logging.getLogger(__name__)
@@ -173,6 +174,7 @@ class SocketGroup:
 
     Attributes:
         sockets: The sockets, those of `DatagramClass.NEW` first. The first one sends all datagrams.
+        local_addresses: Local addresses to which clients have sent; None if the sockets are bound to one address.
 
     Raises:
         InvalidValueError: If the address cannot be bound.
@@ -181,6 +183,15 @@ class SocketGroup:
     def __init__(self, host: str, port: int, classes: Sequence[Instruction]) -> None:
         first = bound_socket(host, port)
         self.sockets = [first]
+        self._share_port(host, port, classes)
+        self.local_addresses = local_addresses(self.sockets)
+
+    def _share_port(self, host: str, port: int, classes: Sequence[Instruction]) -> None:
+        """Adds further sockets for the port of the first one, and the program that distributes datagrams to them.
+
+        The arguments are those of the constructor.
+        """
+        (first,) = self.sockets
         if sys.platform != "linux":
             return
         try:

@@ -74,7 +74,7 @@ class SocketServer(abc.ABC):
     def __init__(self, core: Server, host: str, port: int, classes: Sequence[Instruction]) -> None:
         self.core = core
         self._group = SocketGroup(host, port, classes)
-        self._socket = self._group.sockets[0]
+        self._socket, self._local_addresses = self._group.sockets[0], self._group.local_addresses
         self._port = self._group.port
         self._loop = asyncio.get_running_loop()
         self._timer: asyncio.TimerHandle | None = None
@@ -157,7 +157,10 @@ class UdpServer(SocketServer):
     def _readable(self, source: socket.socket, max_datagrams: int) -> None:
         for _ in range(max_datagrams):
             try:
-                data, address = source.recvfrom(MAX_DATAGRAM_READ)
+                if self._local_addresses is None:
+                    data, address = source.recvfrom(MAX_DATAGRAM_READ)
+                else:
+                    data, address = self._local_addresses.receive(source, MAX_DATAGRAM_READ)
             except BlockingIOError:
                 break
             except OSError:  # ICMP error of an earlier datagram, e.g. port unreachable
@@ -181,7 +184,10 @@ class UdpServer(SocketServer):
         while self._backlog:
             address, data = self._backlog[0]
             try:
-                self._socket.sendto(data, address)  # type: ignore[call-overload]
+                if self._local_addresses is None:
+                    self._socket.sendto(data, address)  # type: ignore[call-overload]
+                else:
+                    self._local_addresses.send(self._socket, data, address)
             except BlockingIOError:
                 self._wait_writable()
                 return

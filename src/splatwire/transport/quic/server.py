@@ -375,6 +375,7 @@ class _SocketTransport:
         on_batch: Callable[[], None],
     ) -> None:  # fmt: skip
         self._group, self._socket, self._protocol = group, group.sockets[0], protocol
+        self._local_addresses = group.local_addresses
         self._on_sent, self._on_batch = on_sent, on_batch
         self._loop = asyncio.get_running_loop()
         self._unsent: deque[tuple[bytes, Any]] = deque()
@@ -383,7 +384,10 @@ class _SocketTransport:
     def _readable(self, source: socket.socket, max_datagrams: int) -> None:
         for _ in range(max_datagrams):
             try:
-                data, address = source.recvfrom(MAX_DATAGRAM_READ)
+                if self._local_addresses is None:
+                    data, address = source.recvfrom(MAX_DATAGRAM_READ)
+                else:
+                    data, address = self._local_addresses.receive(source, MAX_DATAGRAM_READ)
             except OSError:  # nothing is left, an ICMP error of an earlier datagram, or closed meanwhile
                 break
             self._protocol.datagram_received(data, address)
@@ -401,7 +405,10 @@ class _SocketTransport:
                 self._unsent.append((data, addr))
             return
         try:
-            self._socket.sendto(data, addr)
+            if self._local_addresses is None:
+                self._socket.sendto(data, addr)
+            else:
+                self._local_addresses.send(self._socket, data, addr)
         except BlockingIOError:
             self._unsent.append((data, addr))
             self._loop.add_writer(self._socket, self._writable)
