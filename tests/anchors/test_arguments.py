@@ -222,6 +222,10 @@ FAILS = {
         f"Cameras(viewmat, cameras.Ks, 32, 24, {names})": r"Cameras.names: expected a tuple of text, not"
         for names in ("5", "None", "'a'", "(name for name in 'a')", "[1]")
     },
+    **{
+        f"Cameras({wrong}, cameras.Ks, 32, 24, ('a',))": r"Cameras.viewmats: matrix 0 is not \[R t; 0 0 0 1\]"
+        for wrong in ("viewmat.transpose(0, 2, 1)", "2 * viewmat", "viewmat * np.float32([-1, 1, 1, 1])", "0 * viewmat")
+    },
     "Cameras(viewmat * np.nan, cameras.Ks, 32, 24, ('a',))": r"Cameras.viewmats: matrix 0 .* not finite",
     "Cameras(viewmat, cameras.Ks * np.inf, 32, 24, ('a',))": r"Cameras.Ks: matrix 0 .* not finite",
     "cameras['a']": r"the index of a camera must be a whole number",

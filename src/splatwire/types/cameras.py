@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from splatwire.arguments import check_fields, checked
 from splatwire.errors import InvalidValueError, shown, whole_number
@@ -19,6 +19,8 @@ NEAR_DEPTH = 0.2
 """Default near plane of cameras, world units: minimum depth of drawn centres (HAC++, decoding of a view)."""
 MAX_SKEW = 1e-3
 """Maximum skew, pixels, and maximum deviation of the other constant entries of intrinsics."""
+MAX_POSE_ERROR = 1e-2
+"""Maximum deviation of a pose matrix from a rigid transform, in any entry."""
 
 
 def check_size(width: int, height: int) -> None:
@@ -35,6 +37,15 @@ def check_size(width: int, height: int) -> None:
         )
 
 
+def _are_poses(matrices: Float[np.ndarray, "C 4 4"]) -> Bool[np.ndarray, "C"]:
+    """Returns a mask of the matrices that are rigid transforms, within `MAX_POSE_ERROR`."""
+    poses = matrices.astype(np.float64)
+    rotations, rows = poses[:, :3, :3], poses[:, 3]
+    error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0)
+    last = np.abs(rows - np.array([0, 0, 0, 1])).max(axis=1, initial=0)
+    return (np.maximum(error, last) <= MAX_POSE_ERROR) & (np.linalg.det(rotations) > 0)
+
+
 @dataclass(frozen=True, eq=False)
 class Cameras:
     """C pinhole cameras with the same image size.
@@ -42,7 +53,7 @@ class Cameras:
     Matrices are float32 numpy arrays, or torch tensors in training.
 
     Attributes:
-        viewmats: World-to-camera matrices, OpenCV axes (x right, y down, z forward).
+        viewmats: World-to-camera matrices, rotations and translations, OpenCV axes (x right, y down, z forward).
         Ks: Intrinsics in pixels, without skew; the centre of the top-left pixel is (0.5, 0.5).
         width: Image width in pixels.
         height: Image height in pixels.
@@ -77,6 +88,12 @@ class Cameras:
             if isinstance(matrices, np.ndarray) and not np.isfinite(matrices).all():
                 view = int(np.flatnonzero(~np.isfinite(matrices).all(axis=(1, 2)))[0])
                 raise InvalidValueError(f"Cameras.{name}: matrix {view} has a value that is not finite")
+        if isinstance(self.viewmats, np.ndarray) and (off := ~_are_poses(self.viewmats)).any():
+            view = int(np.flatnonzero(off)[0])
+            raise InvalidValueError(
+                f"Cameras.viewmats: matrix {view} is not [R t; 0 0 0 1] with a rotation R: is it transposed "
+                "(`world_view_transform` of 3DGS is), scaled or mirrored?"
+            )
         if isinstance(self.Ks, np.ndarray):
             fixed = self.Ks[:, [0, 1, 2, 2, 2], [1, 0, 0, 1, 2]]
             if (off := np.abs(fixed - np.array([0, 0, 0, 0, 1])).max(axis=1, initial=0) > MAX_SKEW).any():
