@@ -17,6 +17,7 @@ from splatwire.evaluation.rate_distortion import RatePoint, bd_quality, bd_rate
 from splatwire.evaluation.study import InProcess, Store, load_study, run_study, summarize, write_outputs
 from splatwire.io import open_scene, save_scene
 from splatwire.render import render_scene
+from splatwire.types.background import WHITE
 
 NAMES = tiny_cameras(2, 48, 36).names
 HEAD = """
@@ -104,6 +105,19 @@ def test_pictures_belong_to_views_by_name_or_by_number(folder, tmp_path):
     assert named.by_view == numbered.by_view
     assert named.figures["psnr"].mean > 48  # rounded to 8 bits
     assert named.num_bytes == 99
+
+
+def test_transparent_pixels_of_pictures_show_the_background_of_the_scene(folder, tmp_path):
+    (tmp_path / "clear").mkdir()
+    for name in NAMES:
+        Image.new("RGBA", (48, 36), (0, 0, 0, 0)).save(tmp_path / "clear" / f"{name}.png")
+        (tmp_path / "white").mkdir(exist_ok=True)
+        Image.new("RGB", (48, 36), (255, 255, 255)).save(tmp_path / "white" / f"{name}.png")
+    study = study_of(folder, tmp_path, row("clear", tmp_path / "clear", 9), row("white", tmp_path / "white", 9))
+    on_white = dataclasses.replace(study, scenes=(dataclasses.replace(study.scenes[0], background=WHITE),))
+    result = run_study(on_white, Store(tmp_path / "store"), InProcess(), lambda task, share: None)
+    clear, white = summarize(result)
+    assert clear.by_view == white.by_view
 
 
 def test_rows_of_other_codecs_are_listed_with_encoded_rows(folder, tmp_path):

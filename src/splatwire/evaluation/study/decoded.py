@@ -15,6 +15,7 @@ from splatwire.evaluation.study.references import References, digest_of_files
 from splatwire.files.names import real_path
 from splatwire.io import read_any_scene
 from splatwire.io.opening import check_scene_kind
+from splatwire.types.background import Background
 
 PICTURES = "pictures"
 """Name of the elements of a result that consists of pictures."""
@@ -109,19 +110,22 @@ def picture_paths(folder: Path, references: References) -> list[Path]:
     )
 
 
-def read_pictures(paths: Sequence[Path], height: int, width: int) -> Iterator[Float[np.ndarray, "H W 3"]]:
+def read_pictures(
+    paths: Sequence[Path], height: int, width: int, background: Background
+) -> Iterator[Float[np.ndarray, "H W 3"]]:
     """Reads pictures, RGB in [0, 1].
 
     Args:
         paths: The files.
         height: Height of the views in pixels.
         width: Width of the views in pixels.
+        background: RGB visible where alpha is below 1.
 
     Raises:
         DatasetError: If a file is not a picture, or has another size than the views.
     """
     for path in paths:
-        pixels = load_photo(path)
+        pixels = load_photo(path, background=background)
         _check_size(path, pixels.shape[1::-1], (width, height))
         yield pixels
 

@@ -169,7 +169,7 @@ class UnitRunner:
         """
         if arrived.scene is None:
             paths = picture_paths(Path(unit.stream.path), unit.references)
-            return read_pictures(paths, views.cameras.height, views.cameras.width)
+            return read_pictures(paths, views.cameras.height, views.cameras.width, unit.references.background)
         if not unit.references.frames:
             scene = conceal_if_received(arrived.scene, create_concealer(unit.concealer, **unit.options))
             # Rendered references were already examined during rendering.
