@@ -1,4 +1,4 @@
-"""Position and size of scenes. Comparing them reveals that two files contain different scenes."""
+"""Position, size and antialiasing of scenes. Comparing them reveals that two files contain different scenes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
-from splatwire.anchors.appearance import origin_of
+from splatwire.anchors.appearance import antialiased, origin_of
 from splatwire.errors import InvalidValueError
 from splatwire.ops.arrays import lower_median, to_numpy
 from splatwire.types.scene import Scene
@@ -24,11 +24,13 @@ class SceneExtent:
         path: File of the scene.
         centre: Median position, world coordinates.
         radius: Median distance of the elements from the centre, world units.
+        antialiased: True if the scene is drawn antialiased (Mip-Splatting).
     """
 
     path: Path
     centre: Float64[np.ndarray, "3"]
     radius: float
+    antialiased: bool = False
 
     @classmethod
     def of(cls, scene: Scene, path: Path) -> "SceneExtent":
@@ -41,7 +43,8 @@ class SceneExtent:
         if not len(positions):
             raise InvalidValueError(f"{path} has no {scene.ELEMENTS}: there is nothing to compare")
         middle = lower_median(positions)
-        return cls(path, middle + origin_of(scene), float(lower_median(np.linalg.norm(positions - middle, axis=1))))
+        radius = float(lower_median(np.linalg.norm(positions - middle, axis=1)))
+        return cls(path, middle + origin_of(scene), radius, antialiased(scene))
 
     def difference(self, other: "SceneExtent") -> str | None:
         """Returns a message if two scenes differ strongly in position or size, else None."""
@@ -55,6 +58,26 @@ class SceneExtent:
             "distance from it)"
         )
 
+    def drawing_difference(self, other: "SceneExtent") -> str | None:
+        """Returns a message if only one of two scenes is drawn antialiased, else None."""
+        if self.antialiased == other.antialiased:
+            return None
+        first, second = (self, other) if self.antialiased else (other, self)
+        return antialiasing_message(first.path, second.path)
+
     def __str__(self) -> str:
         place = ", ".join(f"{value:.4g}" for value in self.centre)
         return f"centre ({place}) and radius {self.radius:.3g}"
+
+
+def antialiasing_message(antialiased_file: Path, other: Path) -> str:
+    """Returns a warning about a comparison of two scenes of which only one is drawn antialiased.
+
+    Args:
+        antialiased_file: File of the scene that is drawn antialiased.
+        other: File of the other scene.
+    """
+    return (
+        f"{antialiased_file} is drawn antialiased (Mip-Splatting) and {other} is not, so that their pictures differ; "
+        "some formats and programs lose this property of a scene"
+    )

@@ -131,6 +131,15 @@ def test_file_of_another_scene_is_an_error_that_names_both(folder, tmp_path, cha
         compare_files([folder / "source.ply", path], views=2)
 
 
+def test_files_of_which_one_is_drawn_antialiased_give_a_warning(folder, tmp_path, caplog):
+    write_splats([ball_of_gaussians()], tmp_path / "mip.ply", antialiased=True)
+    compare_files([tmp_path / "mip.ply", tmp_path / "mip.ply"], views=2)
+    assert not caplog.text
+    compare_files([folder / "source.ply", tmp_path / "mip.ply"], views=2)
+    assert "mip.ply is drawn antialiased (Mip-Splatting) and " in caplog.text
+    assert "source.ply is not" in caplog.text
+
+
 def test_pruned_file_is_of_the_same_scene(folder, tmp_path):
     splats, path = ball_of_gaussians(), tmp_path / "pruned.ply"
     write_splats([splats.select(np.sort(Numbers(0).randperm(200, 40)))], path)

@@ -17,6 +17,7 @@ from splatwire.evaluation.rate_distortion import RatePoint, bd_quality, bd_rate
 from splatwire.evaluation.study import InProcess, Store, load_study, run_study, summarize, write_outputs
 from splatwire.io import open_scene, save_scene
 from splatwire.render import render_scene
+from splatwire.types import SplatScene
 from splatwire.types.background import WHITE
 
 NAMES = tiny_cameras(2, 48, 36).names
@@ -105,6 +106,17 @@ def test_pictures_belong_to_views_by_name_or_by_number(folder, tmp_path):
     assert named.by_view == numbered.by_view
     assert named.figures["psnr"].mean > 48  # rounded to 8 bits
     assert named.num_bytes == 99
+
+
+@pytest.mark.parametrize("reference", [False, True])
+def test_results_that_lost_the_antialiasing_of_the_scene_give_a_warning(folder, tmp_path, caplog, reference):
+    save_scene(SplatScene(ball_of_gaussians(), antialiased=True), tmp_path / "mip.ply")
+    study = study_of(folder, tmp_path, row("fine", folder / "fine.ply"))
+    change = {"reference": tmp_path / "mip.ply"} if reference else {"source": tmp_path / "mip.ply"}
+    mip = dataclasses.replace(study, scenes=(dataclasses.replace(study.scenes[0], **change),))
+    run_study(mip, Store(tmp_path / "store"), InProcess(), lambda task, share: None)
+    other = "scene.ply" if reference else "fine.ply"
+    assert f"mip.ply is drawn antialiased (Mip-Splatting) and {folder / other} is not" in caplog.text
 
 
 def test_transparent_pixels_of_pictures_show_the_background_of_the_scene(folder, tmp_path):

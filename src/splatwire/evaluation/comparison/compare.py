@@ -1,5 +1,6 @@
 """Scores of several files of one scene: all are rendered from the same views and compared with one reference."""
 
+import logging
 import math
 import os
 import statistics
@@ -25,6 +26,7 @@ from splatwire.types import Cameras
 from splatwire.types.background import Background
 from splatwire.types.scene import Scene
 
+LOG = logging.getLogger(__name__)
 READS = 2
 """Number of times that a file is read; the shortest time counts, because the first read also loads compiled code."""
 MIN_LPIPS_PIXELS = 64
@@ -154,8 +156,11 @@ def compare_files(
         if file == chosen:
             return _with_metrics(replace(scorer, name=name), references, images, lpips, pictures, progress)
         opened = _TimedScene.of(file, READS)
-        if (why := extent.difference(SceneExtent.of(opened.scene, file))) is not None:
+        other = SceneExtent.of(opened.scene, file)
+        if (why := extent.difference(other)) is not None:
             raise InvalidValueError(why)
+        if (why := extent.drawing_difference(other)) is not None:
+            LOG.warning("%s", why)
         drawn = iterate_views(opened.scene, seen, renderer=renderer, background=behind)
         return _with_metrics(replace(opened.score, name=name), references, drawn, lpips, pictures, progress)
 

@@ -1,14 +1,16 @@
 """Results of other codecs: decoded scenes, or pictures of the views, with the number of bytes that the codec sends."""
 
-from collections.abc import Iterator, Sequence
+import logging
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from splatwire.anchors.appearance import scene_of
+from splatwire.anchors.appearance import antialiased, scene_of
 from splatwire.data.photos import load_photo, photo_size
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.evaluation.extent import antialiasing_message
 from splatwire.evaluation.study.definition import Decoded, Row, SceneEntry
 from splatwire.evaluation.study.prepared_stream import PreparedStream, file_bytes
 from splatwire.evaluation.study.references import References, digest_of_files
@@ -17,18 +19,23 @@ from splatwire.io import read_any_scene
 from splatwire.io.opening import check_scene_kind
 from splatwire.types.background import Background
 
+LOG = logging.getLogger(__name__)
 PICTURES = "pictures"
 """Name of the elements of a result that consists of pictures."""
 SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
-def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> PreparedStream | None:
+def prepare_decoded(
+    row: Row, entry: SceneEntry, references: References, is_antialiased: Callable[[], bool]
+) -> PreparedStream | None:
     """Checks a result of another codec that the user provides: a decoded scene, or rendered pictures.
 
     Args:
         row: The table row of the other codec.
         entry: The scene.
         references: The reference images of the scene.
+        is_antialiased: Function that returns True if the scene is drawn antialiased. A warning is logged if the
+            decoded scene is not, or the other way round.
 
     Returns:
         Path, digest and size of the result; None if there is no result for the scene.
@@ -47,6 +54,9 @@ def prepare_decoded(row: Row, entry: SceneEntry, references: References) -> Prep
             _check_size(file, photo_size(file), references.size)
         return PreparedStream(str(path), digest, {row.label: decoded_file.num_bytes}, 0, 0, elements=PICTURES)
     scene = scene_of(read_any_scene(path).loaded)
+    if antialiased(scene) != is_antialiased():
+        files = (path, entry.source) if antialiased(scene) else (entry.source, path)
+        LOG.warning("%s", antialiasing_message(*files))
     size = file_bytes(path) if decoded_file.num_bytes is None else decoded_file.num_bytes
     return PreparedStream(
         str(path), digest, {row.label: size}, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from splatwire.anchors.appearance import scene_of
+from splatwire.anchors.appearance import antialiased, scene_of
 from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.bitstream import HACPP_ANCHORS, Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.limits import SCHEMAS
@@ -286,7 +286,7 @@ def prepare_scene(study: Study, entry: SceneEntry, store: Store, progress: Progr
     looked_at = _frame_views(source, stamp, store) if source.timed else _with_cameras(entry, drawn, stamp, store)
     references = prepare_references(study, looked_at, background, drawn, stamp, store, progress, frames=source.timed)
     for row in study.rows:
-        if (decoded := prepare_decoded(row, entry, references)) is not None:
+        if (decoded := prepare_decoded(row, entry, references, lambda: _is_antialiased(first, store))) is not None:
             streams[row.variant] = decoded
     return PreparedScene(
         entry=entry,
@@ -333,7 +333,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
-    """Logs a warning if position and size of the reference suggest that the reference shows another scene.
+    """Logs a warning if the reference seems to show another scene, by its position, size and antialiasing.
 
     The result of the comparison is stored. Empty scenes are not compared.
 
@@ -350,7 +350,8 @@ def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], dige
         received, reference, why = source.received, load_scene(), None
         if len(received.positions) and len(reference.positions):
             evaluated = SceneExtent.of(received, entry.source)
-            why = SceneExtent.of(reference, entry.reference).difference(evaluated)
+            expected = SceneExtent.of(reference, entry.reference)
+            why = expected.difference(evaluated) or expected.drawing_difference(evaluated)
         stored = {"difference": why}
         store.write(name, canonical(stored).encode())
     if stored["difference"] is not None:
@@ -368,6 +369,14 @@ def _background(first: PreparedStream, store: Store) -> Background:
     if first.num_packets:
         return BACKGROUND_SECTION.of_stream(store.files.stream(path))
     return scene_of(store.files.loaded_scene(path).loaded).background
+
+
+def _is_antialiased(first: PreparedStream, store: Store) -> bool:
+    """True if a scene is drawn antialiased; see `_background` for the arguments."""
+    path = store.root / first.path
+    if first.num_packets:
+        return ANTIALIASED in sections_of(store.files.stream(path))
+    return antialiased(scene_of(store.files.loaded_scene(path).loaded))
 
 
 def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEntry:
