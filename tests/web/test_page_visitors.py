@@ -2,8 +2,10 @@
 
 import asyncio
 import base64
+import contextlib
 import io
 import json
+from collections.abc import AsyncIterator
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -212,6 +214,29 @@ getComputedStyle(one).visibility === 'visible').map((one) => one.getBoundingClie
             assert min(page.evaluate(tops)) > height - 64
 
 
+@contextlib.asynccontextmanager
+async def below_a_path(port: int) -> AsyncIterator[str]:
+    """Offers a page server below a path, as a proxy that removes this path from requests; yields the address."""
+
+    async def forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError, asyncio.IncompleteReadError):
+            head = await reader.readuntil(b"\r\n\r\n")
+            _, path, _ = head.split(b" ", 2)
+            if path.startswith(b"/splats/"):
+                inner, further = await asyncio.open_connection("127.0.0.1", port)
+                further.write(head.replace(b" /splats/", b" /", 1))
+                writer.write(await inner.read())
+                further.close()
+            else:
+                writer.write(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+            await writer.drain()
+        writer.close()
+
+    server = await asyncio.start_server(forward, "127.0.0.1", 0)
+    async with server:
+        yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/splats/"
+
+
 def test_several_scenes_are_listed_with_their_previews(tmp_path: Path) -> None:
     """Served and packed pages have a link per scene, mark the shown one, and include a preview if available."""
     if reason := lacking():
@@ -242,8 +267,8 @@ return new Set(data).size })()"
                 assert "bundled" in page.evaluate(f"{ROOT}.querySelector('.title').textContent")
 
     async def work() -> None:
-        async with PageServer(content) as server:
-            await asyncio.to_thread(drive, [packed.as_uri(), server.url])
+        async with PageServer(content) as server, below_a_path(server.port) as proxied:
+            await asyncio.to_thread(drive, [packed.as_uri(), server.url, proxied])
 
     run(work())
 
