@@ -196,6 +196,7 @@ FAILS = {
     "splatwire.encode([splats, splats])": r"expected a scene, not list: frames need the options `SequenceOptions`",
     "splatwire.encode([scene], splatwire.SequenceOptions())": r"not list of SplatScene$",
     "draw(renderer=lambda *given, **named: None)": r"the result of the renderer: expected an array \(1, 24, 32, 3\)",
+    "splatwire.evaluate(scene, 'x.ply', cameras)": r"expected a scene \(`open_scene` reads one from a file\), not str",
     "splatwire.evaluate(scene, 2 * picture - 1, cameras)": r"expected RGB from 0 to 1, not from -1",
     "SplatScene(splats, background='white')": r"a background is three numbers",
     "Splats(splats.means, splats.quats, splats.scales, splats.opacities[:, None], splats.sh)": (

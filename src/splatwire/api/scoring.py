@@ -66,7 +66,7 @@ def evaluate(
     """
     images = render_scene(scene, cameras, renderer=renderer)
     wanted: Any = reference
-    if isinstance(reference, Sequence):
+    if isinstance(reference, Sequence) and not isinstance(reference, str | bytes):
         wanted = array_of(reference, "reference", ("C", "H", "W", 3))
     elif not hasattr(reference, "shape"):
         wanted = render_scene(reference, cameras, renderer=renderer)
