@@ -75,6 +75,10 @@ def test_react_component_shows_a_stream_and_passes_its_events_on(projects: Path)
     dist = built("react", projects) / "dist"
     scripts = {f"assets/{path.name}": path.read_text() for path in (dist / "assets").iterdir()}
     page = (dist / "index.html").read_text()
+    # an address without a base, which the element reports at once
+    baseless = (
+        "<script>document.head.append(Object.assign(document.createElement('base'), {href: 'mailto:a'}))</script>"
+    )
 
     def drive(url: str, opened: Browser) -> None:
         opened.open(f"{url}index.html")
@@ -82,10 +86,13 @@ def test_react_component_shows_a_stream_and_passes_its_events_on(projects: Path)
         element = "document.querySelector('splat-wire')"
         assert opened.evaluate(f"{element}.getAttribute('autorotate')") == "6"
         assert opened.evaluate(f"{element}.status.complete") is True
+        opened.open(f"{url}baseless.html")
+        opened.wait_for("document.querySelector('p')?.textContent.includes('not a valid URL')")
 
     async def work() -> None:
         stream = stream_to_bytes(encode_splats(ball(), SMALL))
-        async with hosting({"index.html": page}, {"scene.swz": stream}, scripts) as host:
+        pages = {"index.html": page, "baseless.html": f"{page}{baseless}"}
+        async with hosting(pages, {"scene.swz": stream}, scripts) as host:
             with isolated_page() as opened:
                 await asyncio.to_thread(drive, host.url, opened)
 

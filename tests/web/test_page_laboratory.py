@@ -99,6 +99,25 @@ def test_difference_disappears_once_its_picture_changes(streams: dict[str, bytes
     driven(streams, "ball", work)
 
 
+def test_psnr_of_another_picture_is_not_shown(streams: dict[str, bytes]) -> None:
+    """From the change of a setting or the view to the next comparison, the panel says so."""
+    row = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')].find((dt) => dt.textContent === 'PSNR')?.nextSibling"
+    now = f"{row}?.textContent"
+    drop = f"{ELEMENT}.controlPanel.set({{{{lossRate: {{}}}}}})"
+
+    def work(page: Browser) -> None:
+        page.wait_for(f"{now} === 'no loss'")
+        for change in (drop.format(0.5), drop.format(0.8), f"{ELEMENT}.view.orbit.rotate(1, 0)"):
+            assert page.evaluate(f"(() => {{ {change}; return {now}; }})()") == "comparing ...", change
+            page.wait_for(f"/^[0-9.]+ dB$/.test({now})")
+        page.evaluate(f"{ELEMENT}.controlPanel.set({{show: 'lossless'}})")
+        page.wait_for(f"{now} === 'not compared'")
+        page.evaluate(drop.format(0))
+        page.wait_for(f"{now} === 'no loss'")
+
+    driven(streams, "ball", work)
+
+
 def test_figures_of_an_incomplete_scene_name_their_reference(streams: dict[str, bytes]) -> None:
     rows = f"[...{ELEMENT}.shadowRoot.querySelectorAll('dt')]"
     psnr_row = f"{rows}.find((dt) => dt.textContent === 'PSNR').nextSibling.textContent"

@@ -346,6 +346,49 @@ def test_element_moved_to_another_document_keeps_its_style_and_continues(streams
     driven(streams, work)
 
 
+def test_element_in_another_window_continues_while_that_of_its_script_has_no_frames(streams: dict[str, bytes]) -> None:
+    """A browser gives no animation frames to a hidden window, such as that behind a picture-in-picture window."""
+
+    def work(host: Host, page: Browser) -> None:
+        opened(page, f"{host.url}frame")
+        page.evaluate(f"""(() => {{
+          window.moved = {ELEMENT};
+          window.requestAnimationFrame = () => 1;
+          moved.addEventListener("camerachange", () => (window.heard = true));
+          document.querySelector("iframe").contentDocument.body.append(moved);
+        }})()""")
+        page.resolve("moved.view.frame()")
+        assert page.resolve("moved.flyTo('0 0 -6 0 0 0 0 -1 0', 0.1)") is True
+        page.wait_for("window.heard")
+        before = page.evaluate("moved.saveView()")
+        page.evaluate("moved.autorotate = '90'")
+        page.wait_for(f"moved.saveView() !== '{before}'")
+
+    driven(streams, work)
+
+
+def test_hotspots_of_any_document_follow_the_scene_and_keep_their_keys(streams: dict[str, bytes]) -> None:
+    key = (
+        "dispatchEvent(new KeyboardEvent('keydown', {{ key: '{}', bubbles: true, composed: true, cancelable: true }}))"
+    )
+
+    def work(host: Host, page: Browser) -> None:
+        opened(page, f"{host.url}frame")
+        page.evaluate(f"""(() => {{
+          window.made = document.querySelector("iframe").contentDocument.createElement("p");
+          Object.assign(made, {{ slot: "hotspot", innerHTML: "<textarea></textarea><i contenteditable></i>" }});
+          made.dataset.position = "0 0 0";
+          {ELEMENT}.append(made);
+        }})()""")
+        page.wait_for("made.style.visibility === 'visible' && made.style.transform")
+        for name in ("f", "h", "?", "ArrowLeft", "+"):
+            for field in ("textarea", "i"):
+                assert page.evaluate(f"made.querySelector('{field}').{key.format(name)}"), f"{name} in a {field}"
+            assert not page.evaluate(f"{ELEMENT}.{key.format(name)}"), name
+
+    driven(streams, work)
+
+
 def test_element_of_a_removed_frame_releases_all_resources_and_restarts(streams: dict[str, bytes]) -> None:
     def work(host: Host, page: Browser) -> None:
         opened(page, f"{host.url}frame")

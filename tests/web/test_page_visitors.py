@@ -265,6 +265,8 @@ return new Set(data).size })()"
                 page.wait_for(f"{ELEMENT}?.status?.expected === {len(bundled.packets)}")
                 assert page.evaluate(links) == [["a ball", ""], ["bundled", "page"]]
                 assert "bundled" in page.evaluate(f"{ROOT}.querySelector('.title').textContent")
+                opened(page, page.evaluate(f"{ELEMENT}.link()"))
+                assert page.evaluate(links) == [["a ball", ""], ["bundled", "page"]], "the link is to another scene"
 
     async def work() -> None:
         async with PageServer(content) as server, below_a_path(server.port) as proxied:

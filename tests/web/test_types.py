@@ -33,6 +33,13 @@ element.addEventListener("error", ({ detail }) => console.log(detail.retryMs));
 export const shown = decode(new Uint8Array(), { frame: 3 }).then(({ gaussians }) => gaussians.centres);
 export const frames = decodeClip(new Uint8Array()).then((clip) => clip.frame(0).count * clip.clip.rate);
 export const opened = Clip.open("/clip.swz").then((clip) => [clip.duration, clip.update()?.packed.count]);
+export function watch(clip: Clip): EventTarget {
+  clip.addEventListener("lost", ({ detail }) => console.log(detail.length, clip.live));
+  const ended = (event: Event) => console.log(event.type);
+  clip.addEventListener("ended", ended, { once: true });
+  clip.removeEventListener("ended", ended);
+  return clip;
+}
 export const failed = (error: unknown): boolean => error instanceof BitstreamError;
 for await (const { gaussians, clip } of receive("/scene.swz")) console.log(gaussians.count, clip?.numFrames);
 """
@@ -48,6 +55,30 @@ export function Scene() {
 }
 // @ts-expect-error: a typo
 export const typo = <splat-wire scr="/scene.swz" />;
+// @ts-expect-error: React would not call it
+export const silent = <splat-wire src="/scene.swz" onLoad={() => undefined} />;
+"""
+VIEWER = """
+import type { SplatWire } from "splatwire";
+import { Viewer, type ViewerProps } from "splatwire/react";
+import * as React from "react";
+
+export const hotspot = <button slot="hotspot" data-position="0 1 2">Hat</button>;
+export function Scene({ more }: { more: ViewerProps }) {
+  const ref = React.useRef<SplatWire>(null);
+  return (
+    <Viewer
+      ref={ref} {...more} title="a" role="img" tabIndex={0} hidden={false} aria-label="b" data-test="c" autorotate={6}
+      onClick={(event) => event.currentTarget.saveView()} onLoad={({ detail }) => detail.verified}
+    >
+      {hotspot}
+    </Viewer>
+  );
+}
+// @ts-expect-error: a typo
+export const typo = <Viewer scr="/scene.swz" />;
+// @ts-expect-error: an event without this detail
+export const wrong = <Viewer src="/scene.swz" onLoad={(event) => event.detail.message} />;
 """
 JSX = """
 import "splatwire";
@@ -55,14 +86,23 @@ export const scene = <splat-wire src="/scene.swz" panel="none" updates class="la
 // @ts-expect-error: a typo
 export const typo = <splat-wire scr="/scene.swz" />;
 """
+SOLID = """
+import "splatwire";
+export const scene = <splat-wire on:load={(e) => e.detail.verified} on:firstpicture={(e) => e.detail.ms} />;
+export const other = <splat-wire onLoad={(e) => e.detail.verified} onClick={(e) => e.clientX} />;
+"""
 TEMPLATES = """
 import "splatwire";
 import type { SvelteHTMLElements } from "svelte/elements";
 import type { GlobalComponents } from "vue";
 type Svelte = SvelteHTMLElements["splat-wire"];
 export const svelte: Svelte = { src: "/scene.swz", class: "x", onload: (e) => e.detail.complete };
+export const formerSvelte: Svelte = { src: "/scene.swz", "on:lost": (e) => e.detail.retryMs };
 type Props = InstanceType<GlobalComponents["splat-wire"]>["$props"];
-export const vue: Props = { src: "/scene.swz", class: "x" };
+export const vue: Props = { src: "/scene.swz", class: "x", autorotate: 6, cameraLimits: "1 2 0 90" };
+export const heard: Props = { onLoad: ({ detail }) => detail.verified, onClick: (event) => event.clientX };
+// @ts-expect-error: a typo
+export const typo: Props = { scr: "/scene.swz" };
 // @ts-expect-error: a wrong value
 export const wrong: Props = { panel: 3 };
 """
@@ -98,11 +138,16 @@ def test_react_types_include_the_element(project: Path, react: str) -> None:
     paths = {} if react == "react" else {"react": ["./node_modules/react18"], "react/*": ["./node_modules/react18/*"]}
     for jsx in ("react-jsx", "react"):
         compiled(project, "typescript", f"{react}.tsx", REACT, jsx=jsx, paths=paths)
+        compiled(project, "typescript", f"{react}-viewer.tsx", VIEWER, jsx=jsx, paths=paths)
 
 
 @pytest.mark.parametrize("source", ["preact", "solid-js"])
 def test_preact_and_solid_types_include_the_element(project: Path, source: str) -> None:
     compiled(project, "typescript", f"{source}.tsx", JSX, jsx="react-jsx", jsxImportSource=source)
+
+
+def test_solid_types_include_both_spellings_of_listeners(project: Path) -> None:
+    compiled(project, "typescript", "listeners.tsx", SOLID, jsx="react-jsx", jsxImportSource="solid-js")
 
 
 def test_svelte_and_vue_types_include_the_element(project: Path) -> None:

@@ -37,6 +37,23 @@ export interface ClipFrame {
   readonly packed: Packed;
 }
 
+/** Events of a clip by name. `detail` is the reason. */
+export interface ClipEvents {
+  readonly ended: CustomEvent<null>;
+  readonly lost: CustomEvent<string>;
+  readonly error: CustomEvent<string>;
+}
+
+/** Type of `addEventListener` and `removeEventListener`. */
+interface ListenerMethod<Options> {
+  <Name extends keyof ClipEvents>(
+    type: Name,
+    listener: (this: Clip, event: ClipEvents[Name]) => unknown,
+    options?: boolean | Options,
+  ): void;
+  (type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | Options): void;
+}
+
 /** Properties of a stream that do not change. */
 type SequenceStreamInfo = StreamInfo & { readonly sequence: NonNullable<StreamInfo["sequence"]> };
 
@@ -47,6 +64,8 @@ type SequenceStreamInfo = StreamInfo & { readonly sequence: NonNullable<StreamIn
  * be received. The reason is in `detail`, a string.
  */
 export class Clip extends EventTarget {
+  declare addEventListener: ListenerMethod<AddEventListenerOptions>;
+  declare removeEventListener: ListenerMethod<EventListenerOptions>;
   /** True if playback continues with the first frame after the last one. Without effect on live clips. */
   loop = false;
   readonly #clock: FrameClock;

@@ -15,6 +15,7 @@ declare module "react" {
     render: (properties: Readonly<Record<string, unknown>>, ref: Reference<T> | null) => object,
   ): object;
   export function useEffect(effect: () => () => void): void;
+  export function useLayoutEffect(effect: () => () => void): void;
   export function useImperativeHandle<T>(ref: Reference<T> | null, make: () => T): void;
   export function useRef<T>(value: null): Reference<T>;
 }

@@ -3,9 +3,20 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-/** An element without a document, with its attributes. */
+/** An element without a document, with its attributes and events. */
 class FakeElement {
   readonly attributes = new Map<string, string>();
+  readonly events: CustomEvent[] = [];
+  shadowRoot: { textContent: string } | null = null;
+  readonly isConnected = true;
+
+  attachShadow(): { textContent: string } {
+    return (this.shadowRoot = { textContent: "" });
+  }
+
+  dispatchEvent(event: CustomEvent): void {
+    this.events.push(event);
+  }
 
   getAttribute(name: string): string | null {
     return this.attributes.get(name) ?? null;
@@ -96,4 +107,20 @@ test("frameworks can set every attribute: React assigns to a property of its nam
     else element.setAttribute(name, "8");
     assert.equal(element.hasAttribute(name), true, name);
   }
+});
+
+test("where the browser lacks an interface, as jsdom does, the element reports it and throws nothing", async () => {
+  Object.assign(globalThis, { HTMLElement: FakeElement });
+  const { SplatWire } = await import("../src/page/element.ts"),
+    element = new SplatWire();
+  element.connectedCallback();
+  const { events, shadowRoot } = element as unknown as FakeElement;
+  assert.equal(events.length, 0, "listeners are added later in the same task");
+  await new Promise((resolve) => setTimeout(resolve));
+  assert.deepEqual(
+    events.map(({ type, detail }) => [type, detail]),
+    [["error", { message: "this browser has no Worker" }]],
+  );
+  assert.equal(element.status.failed, "this browser has no Worker");
+  assert.equal(shadowRoot?.textContent, "this browser has no Worker");
 });

@@ -18,7 +18,14 @@ import { WorkerReceiver } from "../src/worker_receiver.ts";
 
 export const URL_ = "https://scenes.example/a.swz";
 /** Small limits, so that even the smallest streams arrive in several parts. */
-export const LIMITS = { idleMs: 200, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000, changeMs: 60_000 };
+export const LIMITS = {
+  idleMs: 200,
+  fastBytes: 100,
+  repeatMs: 1,
+  firstBytes: 4000,
+  tilesBytes: 2000,
+  changeMs: 60_000,
+};
 const CLOCK_STEP_MS = 50;
 /** Camera so close that every tile of a scene with levels is selected. */
 const NEAR: Camera = {

@@ -201,6 +201,31 @@ for (const [kind, file] of KINDS) {
     assert.ok(server.asked.length < 160, `${server.asked.length} requests`);
   });
 
+  for (const ends of ["breaks", "hangs"] as const)
+    test(`${kind}: where every answer ${ends} within a head, packet or tile, the next one continues`, async () => {
+      const most = 300,
+        server = new Server((asked) => {
+          const answer = part(file, asked),
+            [first, end] = asked.range ?? [0, Infinity];
+          if (answer.status === 416 || Math.min(end, file.length) <= first + most) return answer;
+          if (server.asked.length > 200) return new Response(null, { status: 404 }); // ends the visit
+          return begun(file.slice(first, first + most), { status: answer.status, headers: answer.headers }, ends);
+        });
+      const openFile = (url: string): HttpFile => new HttpFile(url, { ...LIMITS, idleMs: 20 });
+      const sizes = offsets.map((offset, n) => (offsets[n + 1] ?? file.length) - offset);
+      assert.ok(most < Math.min(offsets[0], Math.max(...sizes)), "the head or every packet arrives at once");
+      assertWhole(await visit(null, {}, { openFile }), file);
+      assert.ok(server.asked.filter(({ range }) => !range).length <= 1, "the whole file was requested repeatedly");
+    });
+
+  test(`${kind}: a file that is replaced while its head is continued is received from its beginning`, async () => {
+    const server = new Server((asked, n) =>
+      n ? part(other, asked) : begun(file.slice(0, 300), { status: 206, headers: part(file, asked).headers }, "breaks"),
+    );
+    assertWhole(await visit(), other);
+    assert.ok(server.asked.every(({ range }) => range));
+  });
+
   test(`${kind}: a bit error in the server's file costs only its packet`, async () => {
     const caches = new Caches(),
       server = new Server((asked) => part(flipped(file, offsets[3] + 40), asked)),

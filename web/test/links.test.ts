@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { titleOf } from "../src/page/address.ts";
-import { embedCode, viewpointOf } from "../src/page/links.ts";
+import { embedCode, readLink, viewpointOf, writeLink } from "../src/page/links.ts";
 
 const STREAM = new URL("https://host/a/scene.swz?x=1&y=2");
 
@@ -31,8 +31,41 @@ test("an application's bundle, a packed page and a blob have no embed code", () 
     "file:///home/user/scene.html",
     "blob:https://host/7",
     "file:///a/splatwire.js",
+    "http://127.0.0.1:5173/node_modules/.vite/deps/splatwire.js?v=5f0c2b1a", // Vite's server for development
+    undefined, // esbuild with the format `iife`
+    "/ROOT/node_modules/splatwire/splatwire.js",
   ])
-    assert.equal(embedCode(STREAM, own), null, own);
+    assert.equal(embedCode(STREAM, own), null, String(own));
+});
+
+test("links keep the page's other fields and its application's route", () => {
+  const view = { eye: [1, 2, 3], target: [0, 0, 0], up: [0, 1, 0] } as const,
+    settings = { concealer: "grow", lossRate: 0.5, burstLength: 1, seed: 0, sentShare: 1, show: "received" } as const,
+    own = "concealer=grow&drop=0.5&view=1%2C2%2C3%2C0%2C0%2C0%2C0%2C1%2C0";
+  for (const [before, after] of [
+    ["", `#${own}`],
+    ["#garden", `#garden&${own}`],
+    ["#a=%20b&view=1,2&drop=0.1&turned=1", `#a=%20b&${own}`],
+    ["#/rooms/3", `#/rooms/3?${own}`],
+    ["#!/rooms/3?x=1&drop=0.1", `#!/rooms/3?x=1&${own}`],
+  ]) {
+    Object.assign(globalThis, { location: new URL(`https://host/page${before}`) });
+    const link = writeLink(settings, view, null);
+    assert.equal(link, `https://host/page${after}`);
+    Object.assign(globalThis, { location: new URL(link) });
+    const read = readLink("any");
+    assert.deepEqual(read, { settings: { concealer: "grow", lossRate: 0.5 }, turned: false, viewpoint: view });
+    assert.equal(writeLink(settings, view, null), link);
+  }
+});
+
+test("a link to one of several scenes does not move the others", () => {
+  const view = { eye: [1, 2, 3], target: [0, 0, 0], up: [0, 1, 0] } as const,
+    settings = { concealer: "grow", lossRate: 0, burstLength: 1, seed: 0, sentShare: 1, show: "received" } as const;
+  Object.assign(globalThis, { location: new URL("https://host/page") });
+  Object.assign(globalThis, { location: new URL(writeLink(settings, view, "a room")) });
+  assert.deepEqual(readLink("a room").viewpoint, view);
+  assert.equal(readLink("garden").viewpoint, null);
 });
 
 test("a viewpoint without a view is refused", () => {

@@ -16,7 +16,7 @@ import { DamagedTiles, receiveTiles } from "../src/transport/tiles.ts";
 import { packetOffsets } from "./fake_web.ts";
 
 const file = new Uint8Array(readFileSync("../tests/golden/tiny_levels.swz"));
-const LIMITS = { idleMs: 8000, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000, changeMs: 60_000 };
+const LIMITS = { idleMs: 8000, fastBytes: 100, repeatMs: 1, firstBytes: 4000, tilesBytes: 2000, changeMs: 60_000 };
 const LOOK: Camera = {
   viewmat: [
     [1, 0, 0, -3],

@@ -10,6 +10,7 @@ function Scene() {
         src="/scene.swz"
         autorotate={6}
         onProgress={({ detail }) => setState(`${detail.packets} of ${detail.expected} packets`)}
+        onError={({ detail }) => setState(detail.message)}
         onLoad={({ detail }) => setState(detail.verified ? "verified" : "with losses")}
       />
       <p>{state}</p>

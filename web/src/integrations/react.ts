@@ -2,7 +2,7 @@
 
 // `splatwire/react`: <Viewer>, a React component with the element's attributes and events as properties.
 
-import { createElement, forwardRef, useEffect, useImperativeHandle, useRef } from "react";
+import { createElement, forwardRef, useEffect, useImperativeHandle, useLayoutEffect, useRef } from "react";
 
 import "../index.ts";
 import type { SplatWire } from "../page/element.ts";
@@ -19,6 +19,9 @@ const EVENTS = {
   onError: "error",
 } as const;
 
+/** Listens before the element's first event. React 18 warns about layout effects on servers, where neither runs. */
+const useEarlyEffect = typeof document === "undefined" ? useEffect : useLayoutEffect;
+
 type Properties = Readonly<Record<string, unknown>>;
 
 /** Types of its properties are in `types/react.d.ts`. */
@@ -29,7 +32,7 @@ export const Viewer = forwardRef<SplatWire>(({ children, className, autorotate, 
       return listener ? [[event, listener] as const] : [];
     });
   useImperativeHandle(ref, () => own.current as SplatWire);
-  useEffect(() => {
+  useEarlyEffect(() => {
     const element = own.current;
     for (const [event, listener] of listeners) element?.addEventListener(event, listener);
     return () => {

@@ -54,16 +54,17 @@ export class HeadReader {
   /** Bytes of the file before its first packet; empty until they are complete. */
   headBytes: Uint8Array = new Uint8Array();
   #manifest: Manifest | null = null;
-  #bytes: Uint8Array = new Uint8Array();
+  /** Bytes of a head that is not complete. */
+  begun: Uint8Array = new Uint8Array();
 
   /**
    * Adds bytes. Returns the bytes after the head once it is complete, otherwise null. Throws `BitstreamError` for an
    * invalid head.
    */
   feed(piece: Uint8Array): Uint8Array | null {
-    const bytes = joined(this.#bytes, piece),
+    const bytes = joined(this.begun, piece),
       end = this.#read(bytes);
-    this.#bytes = end ? new Uint8Array() : bytes;
+    this.begun = end ? new Uint8Array() : bytes;
     return end ? bytes.subarray(end) : null;
   }
 

@@ -14,7 +14,7 @@ export function resolveSource(file: URL, session: string | null, fingerprint: st
 }
 
 /** Returns the absolute address of `src`; null if it is not a valid URL. */
-export function addressOf(src: string, base: string): URL | null {
+export function addressOf(src: string, base?: string): URL | null {
   try {
     return new URL(src, base);
   } catch {

@@ -1,5 +1,6 @@
 // Automatic rotation of the camera around the scene.
 
+import type { AnimationFrame } from "../render/animation_frame.ts";
 import type { Orbit } from "../render/orbit.ts";
 
 /** Default speed, degrees per second. */
@@ -11,7 +12,6 @@ export class AutoRotation {
   readonly #reducedMotion = matchMedia("(prefers-reduced-motion: reduce)");
   /** Radians per second; 0 stops. */
   #speed = 0;
-  #frame = 0;
   #last = 0;
   #inputAt = -Infinity;
   #isVisible = true;
@@ -19,6 +19,7 @@ export class AutoRotation {
   /** `changed` is called when the rotation starts or stops because the visitor's preference for motion changes. */
   constructor(
     readonly orbit: Orbit,
+    readonly frame: AnimationFrame,
     changed: () => void,
   ) {
     this.#reducedMotion.onchange = () => {
@@ -53,19 +54,19 @@ export class AutoRotation {
 
   destroy(): void {
     this.#reducedMotion.onchange = null;
-    cancelAnimationFrame(this.#frame);
+    this.frame.cancel();
   }
 
   #run(): void {
-    cancelAnimationFrame(this.#frame);
+    this.frame.cancel();
     this.#last = 0;
-    if (this.running && this.#isVisible) this.#frame = requestAnimationFrame((now) => this.#step(now));
+    if (this.running && this.#isVisible) this.frame.request((now) => this.#step(now));
   }
 
   #step(now: number): void {
-    const seconds = this.#last ? Math.min((now - this.#last) / 1000, 0.1) : 0;
+    const seconds = this.#last ? Math.min(Math.max(now - this.#last, 0) / 1000, 0.1) : 0; // windows differ in their 0
     this.#last = now;
     if (seconds && performance.now() - this.#inputAt > PAUSE_MS) this.orbit.drift(this.#speed * seconds);
-    this.#frame = requestAnimationFrame((later) => this.#step(later));
+    this.frame.request((later) => this.#step(later));
   }
 }

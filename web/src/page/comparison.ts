@@ -7,6 +7,10 @@ import type { Stage } from "./stage.ts";
 
 const REST_MS = 300;
 
+/** Reported while the PSNR of the current picture is unknown, and while the picture without losses is shown. */
+const PENDING = "comparing ...",
+  NOT_COMPARED = "not compared";
+
 /**
  * Applies concealment gains. Once the picture does not change any more, draws the difference over it and reports the
  * PSNR.
@@ -17,6 +21,8 @@ export class Comparison {
   #gains: Float32Array | null = null;
   /** Gains of the reference picture; null draws every Gaussian unchanged. */
   #lossless: Float32Array | null = null;
+  /** True if the two pictures may differ. */
+  #differs = false;
   #timer = 0;
   /** Number of changes of the picture so far. A comparison ends when it changes. */
   #changes = 0;
@@ -33,9 +39,15 @@ export class Comparison {
     const isChanged = gains !== null || this.#gains !== null;
     this.#gains = gains;
     this.#lossless = lossless;
+    this.#differs = gains?.some((gain, n) => gain !== (lossless?.[n] ?? 1)) ?? false;
     if (isChanged) this.#apply();
-    if (!gains) this.report(null);
+    if (!this.#differs) this.report(null);
     this.pictureChanged();
+  }
+
+  /** Announces other gains, which are still computed. */
+  awaitGains(): void {
+    this.report(PENDING);
   }
 
   /** Stops comparing. */
@@ -49,7 +61,9 @@ export class Comparison {
     const change = ++this.#changes;
     clearTimeout(this.#timer);
     this.canvas.classList.remove("shown");
-    if (this.mode() === "lossless" || !this.#gains) return;
+    if (!this.#differs) return;
+    if (this.mode() === "lossless") return this.report(NOT_COMPARED);
+    this.report(PENDING);
     this.#timer = window.setTimeout(
       () => this.withoutComparison(() => this.#compare(() => change === this.#changes)).catch(() => undefined),
       REST_MS,
@@ -79,7 +93,6 @@ export class Comparison {
     const gains = this.#gains,
       lossless = this.#lossless;
     if (!renderer || !isCurrent()) return;
-    if (gains?.every((gain, n) => gain === (lossless?.[n] ?? 1))) return this.report(null);
     await renderer.setGains(lossless);
     await renderer.frame();
     if (!isCurrent()) return this.#apply();

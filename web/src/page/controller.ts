@@ -4,8 +4,10 @@ import startReceiver, { notStarted } from "worker:receiver";
 import { fromBase64 } from "../bytes.ts";
 import type { Viewpoint } from "../codec/decoder.ts";
 import type { FixedCamera } from "../model/camera.ts";
+import { AnimationFrame } from "../render/animation_frame.ts";
 import { type PackedPreview, packPreview } from "../render/packed_preview.ts";
 import { ViewUpdates } from "../render/view_updates.ts";
+import { nameOf } from "../transport/failover.ts";
 import { withoutQuery } from "../transport/http_error.ts";
 import type { LossSimulation } from "../transport/losses.ts";
 import type { FromWorker, StreamInfo, ToWorker } from "../transport/messages.ts";
@@ -62,7 +64,8 @@ export class Controller {
   #contextLosses = 0;
   #idleTimer = 0;
   #hasCheckedHeadset = false;
-  #cameraFrame = 0;
+  readonly #cameraFrame: AnimationFrame;
+  readonly #rotationFrame: AnimationFrame;
   #reportedViewpoint = "";
   /** Aborts the listeners when the element is released. */
   readonly #destroyed = new AbortController();
@@ -124,7 +127,13 @@ export class Controller {
       (error) => failWith(this.#drawingFailed, error),
       title,
     );
-    this.#rotation = new AutoRotation(this.stage.orbit, () => (this.panel.rotating = this.#rotation.running));
+    this.#cameraFrame = new AnimationFrame(host);
+    this.#rotationFrame = new AnimationFrame(host);
+    this.#rotation = new AutoRotation(
+      this.stage.orbit,
+      this.#rotationFrame,
+      () => (this.panel.rotating = this.#rotation.running),
+    );
     const src = host.getAttribute("src"),
       address = src && addressOf(src, host.baseURI),
       embed = (): string | null => address && embedCode(address, import.meta.url, attributesOf(host, EMBEDDED)),
@@ -178,7 +187,12 @@ export class Controller {
     this.panel.destroy();
     this.#comparison.destroy();
     this.stage.destroy();
-    cancelAnimationFrame(this.#cameraFrame);
+    this.#cameraFrame.cancel();
+  }
+
+  /** Name of the scene in links. */
+  get #name(): string {
+    return nameOf((this.host.getAttribute("src") ?? "").split(/[?#]/)[0]);
   }
 
   /** Applies a changed attribute that does not affect the stream. */
@@ -205,7 +219,8 @@ export class Controller {
 
   /** Link to this page with the current view and settings. */
   get link(): string {
-    return writeLink(this.panel.settings, this.viewpoint);
+    const isAlone = this.host.ownerDocument.querySelectorAll(this.host.localName).length < 2;
+    return writeLink(this.panel.settings, this.viewpoint, isAlone ? null : this.#name);
   }
 
   get viewpoint(): Viewpoint {
@@ -241,7 +256,7 @@ export class Controller {
       { signal } = this.#destroyed,
       preview = host.getAttribute("preview"),
       concealer = host.getAttribute("concealer"),
-      link = readLink();
+      link = readLink(this.#name);
     this.applyAttribute("panel");
     stage.setUp(host.getAttribute("up") ?? "");
     stage.orbit.turned = link.turned;
@@ -254,12 +269,6 @@ export class Controller {
     this.applyAttribute("autorotate");
     this.panel.showNotice("loading", "Connecting ...");
     if (preview) this.#preview(() => packPreview(fromBase64(preview)));
-    const sizes = new ResizeObserver(() => stage.resize()),
-      visibility = new IntersectionObserver((entries) => {
-        stage.setVisible(entries[entries.length - 1].isIntersecting);
-        this.#playback.setVisible(stage.isVisible);
-        this.#rotation.setVisible(stage.isVisible);
-      });
     // only once the controls are used or the scene is touched: Chromium keeps no page that has used WebXR for the back
     // button
     this.panel.onUse(() => this.#offerHeadset());
@@ -271,12 +280,6 @@ export class Controller {
       { signal, passive: true },
     );
     this.onAdopted();
-    sizes.observe(stage.surface);
-    visibility.observe(host);
-    signal.addEventListener("abort", () => {
-      sizes.disconnect();
-      visibility.disconnect();
-    });
     host.addEventListener("keydown", (event) => this.#key(event), { signal });
     host.addEventListener("fullscreenchange", () => this.#fullScreenChanged(), { signal });
     for (const name of ["pointerdown", "pointermove", "wheel", "keydown", "focusin"] as const)
@@ -333,8 +336,8 @@ export class Controller {
 
   /** Moves the hotspots and reports the camera, at most once per animation frame. */
   #cameraMoved(): void {
-    this.#cameraFrame ||= requestAnimationFrame(() => {
-      this.#cameraFrame = 0;
+    if (this.#cameraFrame.isRequested) return;
+    this.#cameraFrame.request(() => {
       const { stage, viewpoint } = this,
         text = JSON.stringify(viewpoint);
       if (!this.#hotspots.isEmpty) this.#hotspots.place(stage.camera, stage.size);
@@ -349,14 +352,33 @@ export class Controller {
     this.panel.fullScreen = this.#isFullScreen;
   }
 
-  /** Follows the window of the element's document, which has its own pixel density and may be closed. */
+  /**
+   * Follows the window of the element's document. It has its own pixel density, may be closed, and may be shown while
+   * that of the script is hidden, which then has no frames and no observations.
+   */
   onAdopted(): void {
     this.#windowLeft.abort();
     this.#windowLeft = new AbortController();
-    const window = this.host.ownerDocument.defaultView,
+    const window = this.host.ownerDocument.defaultView as (Window & typeof globalThis) | null,
       { signal } = this.#windowLeft;
+    for (const frame of [this.#cameraFrame, this.#rotationFrame]) frame.follow();
+    this.stage.onAdopted();
     this.#followDensity(window, signal);
-    window?.addEventListener("pagehide", ({ persisted }) => persisted || this.closed(), { signal });
+    if (!window) return;
+    window.addEventListener("pagehide", ({ persisted }) => persisted || this.closed(), { signal });
+    const { stage } = this,
+      sizes = new window.ResizeObserver(() => stage.resize()),
+      visibility = new window.IntersectionObserver((entries) => {
+        stage.setVisible(entries[entries.length - 1].isIntersecting);
+        this.#playback.setVisible(stage.isVisible);
+        this.#rotation.setVisible(stage.isVisible);
+      });
+    sizes.observe(stage.surface);
+    visibility.observe(this.host);
+    signal.addEventListener("abort", () => {
+      sizes.disconnect();
+      visibility.disconnect();
+    });
   }
 
   /** Adapts the canvas resolution to the pixel density, which changes with the screen and with zoom. */
@@ -605,7 +627,10 @@ export class Controller {
     if (!this.#numElements) return; // the worker has no scene yet, and would not answer
     const simulation = this.#simulation,
       isWhole = this.status.complete && !simulation.lossRate && simulation.sentShare === 1 && !this.#copies;
-    if (!isWhole) return this.#send({ kind: "conceal", simulation, requestId: this.#gains.next() });
+    if (!isWhole) {
+      this.#comparison.awaitGains();
+      return this.#send({ kind: "conceal", simulation, requestId: this.#gains.next() });
+    }
     this.#gains.skip();
     this.panel.setRow("dropped on purpose", "0 packets");
     this.#comparison.show(null, null);
@@ -628,13 +653,13 @@ export class Controller {
   }
 
   #key(event: KeyboardEvent): void {
-    const origin = event.composedPath()[0];
-    if (event.ctrlKey || event.metaKey || event.altKey) return;
-    if (origin instanceof HTMLInputElement || origin instanceof HTMLSelectElement) return;
+    const origin = event.composedPath()[0] as HTMLElement;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented) return;
+    if (origin.isContentEditable || origin.matches("input, select, textarea")) return;
     if (event.key === "f") this.stage.orbit.flip();
     else if (event.key === "h") this.panel.element.hidden = !this.panel.element.hidden;
     else if (event.key === "?") this.panel.showHelp(!this.panel.helpOpen);
-    else if (event.key === " " && this.#playback.isSequence && !(origin instanceof HTMLButtonElement))
+    else if (event.key === " " && this.#playback.isSequence && !origin.matches("button, summary"))
       this.#playback.play(this.#playback.paused);
     else if (!this.stage.controls.key(event.key, event.shiftKey)) return;
     event.preventDefault();

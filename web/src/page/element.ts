@@ -27,6 +27,9 @@ const REFLECTED = [
   "camera-limits",
 ] as const;
 
+/** Interfaces of browsers without which the element does not start. Test environments such as jsdom lack some. */
+const NEEDED = ["Worker", "ResizeObserver", "IntersectionObserver", "matchMedia"];
+
 /** Type of `addEventListener` and `removeEventListener`. */
 interface ListenerMethod<Options> {
   <Name extends keyof SplatWireEventMap>(
@@ -121,7 +124,9 @@ export class SplatWire extends Base {
   }
 
   #start(): void {
-    const root = this.shadowRoot ?? this.attachShadow({ mode: "open" });
+    const root = this.shadowRoot ?? this.attachShadow({ mode: "open" }),
+      missing = NEEDED.find((name) => !(name in globalThis));
+    if (missing) return this.#fail(root, `this browser has no ${missing}`);
     applyStyles(root);
     this.#controller = new Controller(
       this,
@@ -132,6 +137,13 @@ export class SplatWire extends Base {
       this.#wanted,
     );
     this.#status = this.#controller.status;
+  }
+
+  /** Reports that the element cannot start. Listeners that the page adds in this task hear it. */
+  #fail(root: ShadowRoot, message: string): void {
+    root.textContent = message;
+    this.#status = { ...newStatus(), failed: message };
+    setTimeout(() => this.dispatchEvent(new CustomEvent("error", { detail: { message } })));
   }
 
   #release(): void {

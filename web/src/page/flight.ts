@@ -1,12 +1,15 @@
 // Smooth movement of the camera to a viewpoint.
 
+import type { AnimationFrame } from "../render/animation_frame.ts";
 import type { Orbit, OrbitState } from "../render/orbit.ts";
 
 export class Flight {
-  #frame = 0;
   #done: ((arrived: boolean) => void) | null = null;
 
-  constructor(readonly orbit: Orbit) {}
+  constructor(
+    readonly orbit: Orbit,
+    readonly frame: AnimationFrame,
+  ) {}
 
   /** Moves to a state of the orbit. Resolves to true on arrival, to false if it was stopped. */
   start(to: OrbitState, seconds: number): Promise<boolean> {
@@ -19,7 +22,7 @@ export class Flight {
       const step = (): void => {
         const time = still || !(seconds > 0) ? 1 : Math.min((performance.now() - began) / (1000 * seconds), 1);
         this.orbit.moveBetween(from, to, time * time * (3 - 2 * time));
-        if (time < 1) this.#frame = requestAnimationFrame(step);
+        if (time < 1) this.frame.request(step);
         else this.#end(true);
       };
       step();
@@ -32,7 +35,7 @@ export class Flight {
   }
 
   #end(arrived: boolean): void {
-    cancelAnimationFrame(this.#frame);
+    this.frame.cancel();
     this.#done?.(arrived);
     this.#done = null;
   }

@@ -7,6 +7,9 @@ import { createElement } from "./elements.ts";
 /** Smallest depth at which a hotspot is visible, relative to the size of the scene. */
 const MIN_DEPTH = 1e-3;
 
+/** Returns true for an element of any document: classes differ between windows. */
+const hasStyle = (element: Element): element is HTMLElement => "style" in element;
+
 export class Hotspots {
   readonly slot = createElement("slot", { name: "hotspot" });
   #positions: (readonly [HTMLElement, readonly number[]])[] = [];
@@ -16,7 +19,7 @@ export class Hotspots {
     this.slot.addEventListener("slotchange", () => {
       this.#positions = this.slot.assignedElements().flatMap((element) => {
         const position = (element.getAttribute("data-position") ?? "").trim().split(/\s+/).map(Number);
-        if (!(element instanceof HTMLElement)) return [];
+        if (!hasStyle(element)) return [];
         element.style.visibility = "hidden";
         return position.length === 3 && position.every(Number.isFinite) ? [[element, position] as const] : [];
       });

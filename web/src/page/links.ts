@@ -1,6 +1,7 @@
 // Links to a view of the scene, and embed code for other pages.
 
 import type { Viewpoint } from "../codec/decoder.ts";
+import { addressOf } from "./address.ts";
 import type { Settings } from "./panel.ts";
 
 export interface Linked {
@@ -11,8 +12,20 @@ export interface Linked {
   readonly viewpoint: Viewpoint | null;
 }
 
-export function readLink(): Linked {
-  const fields = new URLSearchParams(location.hash.slice(1)),
+/** Fields of a link. The up axis of the viewpoint replaces the former `turned`. */
+const FIELDS = ["view-of", "concealer", "drop", "view", "turned"];
+
+/** Splits a fragment into the route of an application, such as `#/rooms/3?`, and fields. */
+function splitFragment(fragment: string): { readonly route: string; readonly fields: string } {
+  if (!/^#!?\//.test(fragment)) return { route: "#", fields: fragment.slice(1) };
+  const [route, ...fields] = fragment.split("?");
+  return { route: `${route}?`, fields: fields.join("?") };
+}
+
+/** Returns what the page's address says about a scene. `name` tells the scenes of a page with several ones apart. */
+export function readLink(name: string): Linked {
+  const given = new URLSearchParams(splitFragment(location.hash).fields),
+    fields = (given.get("view-of") ?? name) === name ? given : new URLSearchParams(),
     lossRate = Number(fields.get("drop") ?? 0),
     concealer = fields.get("concealer");
   const settings = { lossRate: lossRate > 0 && lossRate < 1 ? lossRate : 0, ...(concealer ? { concealer } : {}) };
@@ -23,21 +36,27 @@ export function readLink(): Linked {
 /** Significant digits of a viewpoint's numbers in a link. */
 const DIGITS = 6;
 
-/** Returns a link to this page with the current view and settings. Other fields of the fragment stay. */
-export function writeLink({ concealer, lossRate }: Settings, viewpoint: Viewpoint): string {
+/**
+ * Returns a link to this page with the current view and settings. Other fields of the fragment and routes of an
+ * application stay. `name` is that of the scene on a page with several ones, else null.
+ */
+export function writeLink({ concealer, lossRate }: Settings, viewpoint: Viewpoint, name: string | null): string {
   const address = new URL(location.href),
-    fields = new URLSearchParams(address.hash.slice(1)),
+    { route, fields } = splitFragment(address.hash),
+    others = fields.split("&").filter((field) => field && !FIELDS.includes(field.split("=")[0])),
     { eye, target, up } = viewpoint;
-  fields.delete("turned"); // the up axis of the viewpoint says so
-  fields.set("concealer", concealer);
-  fields.set("drop", String(lossRate));
-  fields.set("view", [...eye, ...target, ...up].map((value) => Number(value.toPrecision(DIGITS))).join());
-  address.hash = fields.toString();
+  const own = new URLSearchParams({
+    ...(name === null ? {} : { "view-of": name }),
+    concealer,
+    drop: String(lossRate),
+    view: [...eye, ...target, ...up].map((value) => Number(value.toPrecision(DIGITS))).join(),
+  });
+  address.hash = route + [...others, own.toString()].join("&");
   return address.href;
 }
 
-/** File that defines the element for pages without a bundler. */
-const SCRIPT = "/splatwire.js";
+/** File that defines the element for pages without a bundler. Servers for development have another one of that name. */
+const SCRIPT = /^(?!.*\/node_modules\/).*\/splatwire\.js$/;
 
 /** Query of a stream's URL on the servers of splatwire. It pins the current version, which caches keep for a year. */
 const VERSION = /^\?[0-9a-f]{16}$/;
@@ -47,18 +66,25 @@ export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate", "camera-l
 
 /**
  * Returns embed code for another page. `attributes` are those of the element. Returns null if this script, loaded from
- * `own`, is part of an application's bundle or of a packed page, or if no other page can load the stream.
+ * `own`, is part of an application's bundle or of a packed page, or if no other page can load the stream. Some bundlers
+ * give no address or a path.
  */
-export function embedCode(stream: URL, own: string, attributes: Readonly<Record<string, string>> = {}): string | null {
-  const { protocol, origin, pathname } = new URL(own),
+export function embedCode(
+  stream: URL,
+  own: string | undefined,
+  attributes: Readonly<Record<string, string>> = {},
+): string | null {
+  const script = addressOf(own ?? "");
+  if (!script) return null;
+  const { protocol, origin, pathname } = script,
     quoted = (text: string): string => text.replaceAll("&", "&amp;").replaceAll('"', "&quot;"),
     address = new URL(stream);
-  if (![protocol, address.protocol].every((one) => /^https?:$/.test(one)) || !pathname.endsWith(SCRIPT)) return null;
+  if (![protocol, address.protocol].every((one) => /^https?:$/.test(one)) || !SCRIPT.test(pathname)) return null;
   if (VERSION.test(address.search)) address.search = "";
   const all = { src: address.href, ...attributes, style: "height: 30rem" },
     words = Object.entries(all).map(([name, value]) => ` ${name}="${quoted(value)}"`),
-    script = `<script type="module" src="${quoted(origin + pathname)}"></script>`;
-  return `${script}\n<splat-wire${words.join("")}></splat-wire>`;
+    tag = `<script type="module" src="${quoted(origin + pathname)}"></script>`;
+  return `${tag}\n<splat-wire${words.join("")}></splat-wire>`;
 }
 
 /** Parses this many finite numbers. Returns null for anything else. */

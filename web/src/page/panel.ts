@@ -294,9 +294,11 @@ export class Panel {
   #copyButton(words: string, text: () => string): HTMLElement {
     const button = createElement("button", { type: "button" }, words);
     button.addEventListener("click", () => {
-      const output = (said: string): void => void (button.textContent = said);
-      if (!navigator.clipboard) return void window.prompt(words, text());
-      navigator.clipboard.writeText(text()).then(
+      const output = (said: string): void => void (button.textContent = said),
+        window = button.ownerDocument.defaultView!, // only the window with the focus may write to the clipboard
+        { clipboard } = window.navigator;
+      if (!clipboard) return void window.prompt(words, text());
+      clipboard.writeText(text()).then(
         () => output("copied"),
         () => window.prompt(words, text()),
       );

@@ -4,6 +4,7 @@ import { Vec3 } from "playcanvas";
 
 import type { BoundingSphere, Viewpoint } from "../codec/decoder.ts";
 import type { Camera } from "../model/camera.ts";
+import { AnimationFrame } from "../render/animation_frame.ts";
 import { Controls } from "../render/controls.ts";
 import { frameScene, sceneCore } from "../render/framing.ts";
 import { FreeSpace } from "../render/free_space.ts";
@@ -59,7 +60,8 @@ export class Stage implements ContextOwner {
     (at) => this.#pick(at),
   );
   readonly controls = new Controls(this.surface, this.orbit, (text) => this.#showHint(text));
-  readonly flight = new Flight(this.orbit);
+  readonly #flightFrame = new AnimationFrame(this.surface);
+  readonly flight = new Flight(this.orbit, this.#flightFrame);
   #limits: readonly number[] | null = null;
   readonly #hint = createElement("p", { class: "hint" });
   #hintTimer = 0;
@@ -495,6 +497,12 @@ export class Stage implements ContextOwner {
     if (this.renderer) return this.renderer.sorted();
     this.invalidate();
     return new Promise((resolve) => this.#shown.push(resolve));
+  }
+
+  /** Continues in the window that displays the element now. */
+  onAdopted(): void {
+    this.#flightFrame.follow();
+    this.renderer?.onAdopted();
   }
 
   /** Adapts to the size of the element. Without a size the last picture stays. */

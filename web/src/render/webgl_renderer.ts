@@ -18,6 +18,7 @@ import {
 
 import type { Camera, FixedCamera } from "../model/camera.ts";
 import { delay } from "../scheduler.ts";
+import { AnimationFrame } from "./animation_frame.ts";
 import { AsyncShaderDevice } from "./async_shader_device.ts";
 import { cssZoomOf } from "./css_zoom.ts";
 import { GpuFence, UploadSlices } from "./gpu_limits.ts";
@@ -57,7 +58,7 @@ const TOO_LITTLE_MEMORY = "This device cannot draw the scene: too little memory.
 
 /** Internals of PlayCanvas's frame loop. */
 interface FrameLoop {
-  readonly frameRequestId: number;
+  frameRequestId: number | null;
   requestAnimationFrame(): void;
   tick(...given: unknown[]): void;
   _inFrameUpdate: boolean;
@@ -130,6 +131,7 @@ export class WebGLRenderer {
   #destroyed = false;
   #drawnAt = 0;
   #loopStopped = false;
+  readonly #nextFrame: AnimationFrame;
   /** Error that ended drawing; null if there is none. */
   #failure: Error | null = null;
   /** State of the memory since the last check: unchanged, changed, or drawn. */
@@ -186,7 +188,15 @@ export class WebGLRenderer {
     );
     this.#app.on("postrender", () => this.#afterFrame());
     const loop = this.#app as unknown as FrameLoop,
-      { tick } = loop;
+      { tick } = loop,
+      requestOfHeadset = loop.requestAnimationFrame.bind(loop);
+    this.#nextFrame = new AnimationFrame(canvas);
+    loop.requestAnimationFrame = () => {
+      this.#nextFrame.cancel();
+      if (this.#app.xr?.session) return requestOfHeadset();
+      loop.frameRequestId = null; // PlayCanvas would cancel a frame of that number in the script's window
+      this.#nextFrame.request(loop.tick);
+    };
     loop.tick = (...given) => {
       this.#try(() => tick(...given));
       loop._inFrameUpdate = false; // else the app could not be destroyed after an error
@@ -206,6 +216,7 @@ export class WebGLRenderer {
     if (this.#destroyed) return;
     this.#destroyed = true;
     const { gl } = this.#device;
+    this.#nextFrame.cancel();
     this.#pending = [];
     this.#hidden = [];
     this.#hiding = [];
@@ -276,12 +287,16 @@ export class WebGLRenderer {
   /** Stops the frame loop if no frame was requested for a while. */
   #stopIdleLoop(): void {
     if (this.#headset.active) return;
-    const loop = this.#app as unknown as FrameLoop;
     this.#app.renderNextFrame ||= this.#waitsForGpu;
     if (performance.now() - this.#drawnAt < IDLE_MS || this.#app.renderNextFrame) return;
-    cancelAnimationFrame(loop.frameRequestId);
+    this.#nextFrame.cancel();
     this.#loopStopped = true;
     if (!this.#replaced) this.#mesh.releaseSpare();
+  }
+
+  /** Draws in the frames of the window that displays the canvas now. */
+  onAdopted(): void {
+    this.#nextFrame.follow();
   }
 
   /** Adapts to the size of the element. */

@@ -67,7 +67,7 @@ export function receiveAll(source: Source, receiver: Receiver, transports = TRAN
   const failover = new Failover(source, receiver, transports);
   return withBackoff((nextMs) => failover.attempt(nextMs), {
     isRetryable: (error) => !receiver.stopped() && failover.canRetry(error),
-    progress: () => receiver.numReceived,
+    progress: () => receiver.numReceived + failover.numBegun,
     disconnected: (reason, retryMs) => receiver.disconnected(reason, retryMs),
     wait: transports.wait,
   });
@@ -90,6 +90,11 @@ class Failover {
   ) {
     this.#file = transports.openFile(source.file);
     this.#address = source.session;
+  }
+
+  /** Number of bytes of broken ranges of the file, which later requests continue. */
+  get numBegun(): number {
+    return this.#file.numBegun;
   }
 
   /** Returns true if another attempt may succeed. Counts the refusals of a file that was delivered before. */

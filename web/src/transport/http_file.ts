@@ -5,8 +5,10 @@ import { HttpError, Unreadable, withoutQuery } from "./http_error.ts";
 import { permitted } from "./page_policy.ts";
 
 export interface Limits {
-  /** Initial idle timeout, milliseconds. Each timeout raises it. */
+  /** Initial idle timeout, milliseconds. Timeouts of slow servers raise it. */
   readonly idleMs: number;
+  /** Size of a response from which a timeout is not due to a slow server and does not raise `idleMs`, bytes. */
+  readonly fastBytes: number;
   /** Delay before damaged bytes are requested again, milliseconds. It grows by a factor of four. */
   readonly repeatMs: number;
   /** Size of the first request, bytes. It covers the coarsest tiles of a scene with levels. */
@@ -17,7 +19,14 @@ export interface Limits {
   readonly changeMs: number;
 }
 
-const LIMITS: Limits = { idleMs: 8000, repeatMs: 250, firstBytes: 1 << 18, tilesBytes: 1 << 16, changeMs: 60_000 };
+const LIMITS: Limits = {
+  idleMs: 8000,
+  fastBytes: 4096,
+  repeatMs: 250,
+  firstBytes: 1 << 18,
+  tilesBytes: 1 << 16,
+  changeMs: 60_000,
+};
 /** Upper bound of the idle timeout, milliseconds. */
 const MAX_IDLE_MS = 32_000;
 /** Growth of the idle timeout after each timeout, for slow servers. */
@@ -30,6 +39,8 @@ const MAX_FAILURES = 3;
 const MAX_SHORT = 24;
 /** Number of requests without a response after which it is checked if the browser withholds the responses. */
 const MAX_WITHHELD = 3;
+/** Maximum number of broken ranges that are kept. */
+const MAX_BEGUN = 4;
 /** Temporary error statuses, of a server that is busy or restarting. */
 const PASSING = [408, 425, 429, 500];
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
@@ -82,11 +93,19 @@ export class HttpFile {
   isWebPage = false;
   /** Number of damaged responses for each tile. */
   readonly damagedTiles = new Map<number, number>();
+  /** Bytes of ranges that broke off or stalled, by their offset in the file. The next request continues them. */
+  readonly #begun = new Map<number, Uint8Array>();
+  /**
+   * Number of bytes of broken ranges since a request for the whole file failed, too. These bytes are progress then. It
+   * never decreases.
+   */
+  numBegun = 0;
   /** True while the whole file is requested because range requests failed repeatedly. */
   isTryingWhole = false;
   /** Aborts requests that have no signal of their own. */
   signal: AbortSignal | undefined;
   #failures = 0;
+  #hasTriedWhole = false;
   #withheld = 0;
   #changedAt = -Infinity;
   /** Message of the last failed range request. */
@@ -115,6 +134,7 @@ export class HttpFile {
   noteFailure(error: Error, isProgress: boolean): void {
     if (isProgress) this.refusals = 0;
     if (this.isTryingWhole) {
+      this.#hasTriedWhole = true;
       if (this.#reason && this.#reason !== error.message) error.message += `; for parts of it: ${this.#reason}`;
       this.isTryingWhole = isProgress;
       this.#failures = 0;
@@ -125,9 +145,30 @@ export class HttpFile {
     }
   }
 
+  /** Keeps the bytes of a range that broke off; `known` of them came from `takeBegun`. */
+  keepBegun(first: number, bytes: Uint8Array, known: number): void {
+    if (this.ranges === "unusable" || !bytes.length) return;
+    if (this.#hasTriedWhole) this.numBegun += bytes.length - known;
+    this.#begun.delete(first);
+    this.#begun.set(first, bytes);
+    for (const oldest of this.#begun.keys()) if (this.#begun.size > MAX_BEGUN) this.#begun.delete(oldest);
+  }
+
+  hasBegun(first: number): boolean {
+    return this.#begun.has(first);
+  }
+
+  /** Returns and forgets the bytes at `first` that an earlier request began to deliver, at most `maxBytes`. */
+  takeBegun(first: number, maxBytes = Infinity): Uint8Array {
+    const bytes = this.#begun.get(first) ?? new Uint8Array();
+    this.#begun.delete(first);
+    return bytes.subarray(0, maxBytes);
+  }
+
   /** Counts replacements of the file. A page that is open for days may see many. */
   noteChange(): void {
     const now = performance.now();
+    this.#begun.clear();
     this.changes = now - this.#changedAt < this.limits.changeMs ? this.changes + 1 : 1;
     this.#changedAt = now;
   }
@@ -226,7 +267,7 @@ export class HttpFile {
       keep = status === 206 || headers.has("content-length") || encoded;
     let count = 0;
     const read = async (): Promise<Uint8Array | null> => {
-      const { value } = await this.#timely(reader.read()).catch((error: unknown) => {
+      const { value } = await this.#timely(reader.read(), count < this.limits.fastBytes).catch((error: unknown) => {
         cancel();
         // a content coding makes parts unreadable, and CORS hides its header
         if (error instanceof TypeError && first !== null && !count) this.noteUseless(error.message);
@@ -247,13 +288,13 @@ export class HttpFile {
     return this.#partial && (status === 404 || status === 410);
   }
 
-  /** Awaits a promise. Throws `Stalled` after the idle timeout, which then grows. */
-  #timely<T>(work: Promise<T>): Promise<T> {
+  /** Awaits a promise. Throws `Stalled` after the idle timeout, which then grows if the server is `slow`. */
+  #timely<T>(work: Promise<T>, slow = true): Promise<T> {
     let timer: ReturnType<typeof setTimeout>;
     const idleMs = this.#idleMs,
       late = new Promise<never>((_, reject) => {
         timer = setTimeout(() => {
-          this.#idleMs = Math.max(idleMs, Math.min(GROWTH * idleMs, MAX_IDLE_MS));
+          if (slow) this.#idleMs = Math.max(idleMs, Math.min(GROWTH * idleMs, MAX_IDLE_MS));
           reject(new Stalled(`the server sent nothing for ${Math.round(idleMs / 1000)} s`));
         }, idleMs);
       });
@@ -269,7 +310,8 @@ export class HttpFile {
 
 /**
  * Requests the bytes `first` to `end - 1`, the rest again if a response is shorter or breaks off, and returns at least
- * `minBytes` bytes unless the server gives no more. Throws if a response breaks off before its first byte.
+ * `minBytes` bytes unless the server gives no more. Throws if a response stalls, or breaks off before its first byte;
+ * the next call with the same `first` then continues.
  */
 export async function readRange(
   file: HttpFile,
@@ -279,24 +321,32 @@ export async function readRange(
   cache: RequestCache,
   signal?: AbortSignal,
 ): Promise<Uint8Array> {
-  const bytes = new Uint8Array(end - first);
-  let count = 0;
-  for (let tries = 0; tries < MAX_SHORT && count < minBytes; tries++) {
-    const answer = await file.request(first + count, end, cache, signal),
-      before = count;
-    try {
-      for (let piece = await answer.read(); piece; piece = count < bytes.length ? await answer.read() : null) {
-        const needed = piece.subarray(0, bytes.length - count);
-        bytes.set(needed, count);
-        count += needed.length;
+  const bytes = new Uint8Array(end - first),
+    begun = file.takeBegun(first, bytes.length);
+  bytes.set(begun);
+  let count = begun.length;
+  try {
+    for (let tries = 0; tries < MAX_SHORT && count < minBytes; tries++) {
+      const before = count,
+        answer = await file.request(first + count, end, cache, signal);
+      try {
+        for (let piece = await answer.read(); piece; piece = count < bytes.length ? await answer.read() : null) {
+          const needed = piece.subarray(0, bytes.length - count);
+          bytes.set(needed, count);
+          count += needed.length;
+        }
+      } catch (error) {
+        // on a path that breaks every connection after some time, a whole range might never arrive
+        if (!(error instanceof TypeError) || count === before) throw error;
+      } finally {
+        answer.cancel();
       }
-    } catch (error) {
-      // on a path that breaks every connection after some time, a whole range might never arrive
-      if (!(error instanceof TypeError) || count === before) throw error;
-    } finally {
-      answer.cancel();
+      if (count === before) break;
     }
-    if (count === before) break;
+  } catch (error) {
+    if (!(error instanceof RangeUnsupported || error instanceof PastEnd))
+      file.keepBegun(first, bytes.subarray(0, count), begun.length);
+    throw error;
   }
   return bytes.subarray(0, count);
 }

@@ -39,7 +39,8 @@ class Reordered extends Error {}
 export async function receiveFile(file: HttpFile, listener: Listener, store: PacketStore): Promise<string> {
   let fallback = false;
   for (;;) {
-    const { count } = store;
+    const { count } = store,
+      { numBegun } = file;
     try {
       if ((file.ranges === "unusable" || file.isTryingWhole) && !(store.complete && file.compared))
         return await receiveWhole(file, listener, store);
@@ -88,7 +89,7 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
       } else {
         // the connection or the file caused the failure
         if (fallback && (error instanceof TypeError || error instanceof HttpError)) file.ranges = "unknown";
-        file.noteFailure(error as Error, store.count > count);
+        file.noteFailure(error as Error, store.count > count || file.numBegun > numBegun);
         throw error;
       }
     }
@@ -97,6 +98,7 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
 
 /** Revalidates the stored manifest against the file. Throws `FileReplaced` for a different one. */
 async function compare(file: HttpFile, listener: Listener, store: PacketStore): Promise<void> {
+  file.takeBegun(0); // its bytes may be older than a replacement
   const stored = store.manifestBytes,
     cache = file.cache === "default" ? "no-cache" : file.cache,
     bytes = await readRange(file, 0, stored.length, stored.length, cache);
@@ -114,42 +116,63 @@ async function compare(file: HttpFile, listener: Listener, store: PacketStore): 
   listener.confirmed?.();
 }
 
-/** Reads the file from its beginning: a first range and, unless a view selects tiles, the rest. */
+/**
+ * Reads the file from its beginning: a first range and, unless a view selects tiles, the rest. A head that an earlier
+ * attempt began to receive is continued.
+ */
 async function receiveFresh(file: HttpFile, listener: Listener, store: PacketStore): Promise<string> {
-  const { firstBytes } = file.limits;
-  let answer = await file.request(0, firstBytes),
-    begin = 0,
-    end = 0;
-  const reader = new PacketReader(listener, store, answer.keep),
-    progress = new ProgressReporter(listener, store);
-  for (;;) {
-    try {
-      for (let piece = await answer.read(); piece; piece = await answer.read()) {
-        end += piece.length;
-        if (listener.stopped()) return "stopped";
-        reader.feed(piece);
-        if (reader.head) file.compared = true;
-        progress.add(piece.length);
-        if (store.complete) return "complete";
+  const { firstBytes } = file.limits,
+    begun = file.takeBegun(0);
+  let reader: PacketReader | null = null;
+  try {
+    let begin = begun.length,
+      end = begin,
+      answer = await file.request(begin, begin + firstBytes);
+    const progress = new ProgressReporter(listener, store);
+    reader = new PacketReader(listener, store, answer.keep);
+    reader.feed(begun);
+    for (;;) {
+      try {
+        for (let piece = await answer.read(); piece; piece = await answer.read()) {
+          end += piece.length;
+          if (listener.stopped()) return "stopped";
+          reader.feed(piece);
+          if (reader.head) file.compared = true;
+          progress.add(piece.length);
+          if (store.complete) return "complete";
+        }
+      } finally {
+        answer.cancel();
       }
-    } finally {
-      answer.cancel();
+      // a server may return a shorter range than requested
+      if (answer.whole || end === begin || (answer.total === null && end - begin < firstBytes)) break;
+      if (reader.head && listener.tileRequest) return await receiveTiles(file, listener, store, listener.tileRequest);
+      begin = end;
+      try {
+        answer = await file.request(end, reader.head ? null : end + firstBytes);
+      } catch (error) {
+        if (error instanceof PastEnd) break; // the last range ended at the end of the file
+        throw error;
+      }
     }
-    // a server may return a shorter range than requested
-    if (answer.whole || end === begin || (answer.total === null && end - begin < firstBytes)) break;
-    if (reader.head && listener.tileRequest) return receiveTiles(file, listener, store, listener.tileRequest);
-    begin = end;
-    try {
-      answer = await file.request(end, reader.head ? null : end + firstBytes);
-    } catch (error) {
-      if (error instanceof PastEnd) break; // the last range ended at the end of the file
-      throw error;
-    }
+    reader.finish();
+  } catch (error) {
+    // the file may have been replaced
+    if (isInvalid(error) && begun.length && !reader?.head) return receiveFresh(file, listener, store);
+    keepBegun(file, error, reader?.begun ?? { offset: 0, bytes: begun }, begun.length);
+    throw error;
   }
-  reader.finish();
   if (store.complete) return "complete";
   if (!reader.head) throw new Damaged("the file ends before its side information does");
   throw missing(store);
+}
+
+/** Returns true for an error that says that the bytes do not belong to the stream. */
+const isInvalid = (error: unknown): boolean => error instanceof Damaged || error instanceof PastEnd;
+
+/** Keeps what has arrived of a head or packet before the connection broke or stalled, `known` bytes of it earlier. */
+function keepBegun(file: HttpFile, error: unknown, { offset, bytes }: PacketReader["begun"], known: number): void {
+  if (!isInvalid(error) && !(error instanceof RangeUnsupported)) file.keepBegun(offset, bytes, known);
 }
 
 /** Reads the missing packets of a file, run by run. Throws `Reordered` if they are not at the expected offsets. */
@@ -183,7 +206,7 @@ function checkOrder(file: HttpFile, isContinuation: boolean): void {
 
 /**
  * Reads one gap and the packet before it, which verifies the order of the file. A response with only that packet is
- * requested again once.
+ * requested again once. The first packet of the gap is continued if it began to arrive.
  */
 async function receiveGap(
   file: HttpFile,
@@ -192,11 +215,12 @@ async function receiveGap(
   store: PacketStore,
   progress: ProgressReporter,
 ): Promise<void> {
-  const first = gap.before ?? gap.offset,
+  const continues = file.hasBegun(gap.offset),
+    first = continues ? gap.offset : (gap.before ?? gap.offset),
     read = await readPart(file, gap, first, listener, store, progress);
-  if (read.size) checkOrder(file, isAsKnown(gap, store, read.reader));
+  if (read.size) checkOrder(file, continues || isAsKnown(gap, store, read.reader));
   if (store.isReordered && !store.complete) restart(file);
-  const isDone = store.complete || listener.stopped() || gap.before === null || read.reader.numIntact > 1;
+  const isDone = store.complete || listener.stopped() || first === gap.offset || read.reader.numIntact > 1;
   if (!isDone && read.size && first + read.size < (gap.end ?? Infinity))
     await readPart(file, gap, gap.offset, listener, store, progress);
 }
@@ -209,10 +233,15 @@ async function readPart(
   store: PacketStore,
   progress: ProgressReporter,
 ): Promise<{ size: number; reader: PacketReader }> {
-  const answer = await file.request(begin, gap.end),
+  const begun = file.takeBegun(begin, (gap.end ?? Infinity) - begin - 1),
+    answer = await file.request(begin + begun.length, gap.end).catch((error: unknown) => {
+      keepBegun(file, error, { offset: begin, bytes: begun }, begun.length);
+      throw error;
+    }),
     reader = new PacketReader(listener, store, answer.keep, store.head, begin);
   let size = 0;
   try {
+    reader.feed(begun);
     for (let piece = await answer.read(); piece; piece = await answer.read()) {
       reader.feed(piece);
       progress.add(piece.length);
@@ -222,6 +251,8 @@ async function readPart(
     }
     reader.finish();
   } catch (error) {
+    const rest = reader.begun;
+    keepBegun(file, error, rest, rest.offset === begin ? begun.length : 0);
     if (!(error instanceof Damaged)) throw error;
     if (gap.end === null && !reader.numIntact) file.noteUseless(error.message);
     checkOrder(file, isAsKnown(gap, store, reader) || begin === gap.offset);

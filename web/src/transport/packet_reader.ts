@@ -45,6 +45,11 @@ export class PacketScanner {
     this.#maxSize = Math.min(head.manifest.packetization.packetBytes, MAX_PACKET_BYTES);
   }
 
+  /** Offset and bytes of a packet that is not complete. */
+  get begun(): { readonly offset: number; readonly bytes: Uint8Array } {
+    return { offset: this.offset, bytes: this.#isSearching ? new Uint8Array() : this.#rest };
+  }
+
   /** Adds bytes and returns the packets that are now complete. `last` is true at the end of the data. */
   feed(piece: Uint8Array, last = false): ReceivedPacket[] {
     const bytes = joined(this.#rest, piece),
@@ -130,6 +135,11 @@ export class PacketReader {
 
   get head(): Head | null {
     return this.#scanner?.head ?? null;
+  }
+
+  /** Offset and bytes of a head or packet that is not complete. */
+  get begun(): { readonly offset: number; readonly bytes: Uint8Array } {
+    return this.#scanner?.begun ?? { offset: 0, bytes: this.#begin.begun };
   }
 
   /** Adds bytes. Throws `Damaged` if the rest is unreadable. */

@@ -32,7 +32,8 @@ style-src '{style_hash}'; img-src data:; worker-src blob:; base-uri 'none'; form
 _SELECTION_SCRIPT = """\
 const links = [...document.querySelectorAll("nav a")], element = document.querySelector("splat-wire");
 function choose() {
-  const found = links.findIndex(({ hash }) => hash === location.hash), place = Math.max(found, 0);
+  const [chosen] = location.hash.split("&"); // links to a view have further fields
+  const found = links.findIndex(({ hash }) => hash === chosen), place = Math.max(found, 0);
   document.title = links[place].textContent;
   element.setAttribute("data", place ? `stream${place}` : "stream");
   for (const link of links) link.removeAttribute("aria-current");
