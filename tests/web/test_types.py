@@ -130,7 +130,9 @@ def compiled(project: Path, compiler: str, name: str, code: str, **options: obje
 )
 def test_oldest_supported_compiler_accepts_the_declarations(project: Path, compiler: str, resolution: str) -> None:
     module = "node16" if resolution == "node16" else "esnext"
-    compiled(project, compiler, "element.ts", ELEMENT, module=module, moduleResolution=resolution)
+    paths = {"vue": ["./vue.d.ts"]}  # Vue's own declarations need a later compiler
+    (project / "vue.d.ts").write_text("export interface HTMLAttributes { id?: string }\n")
+    compiled(project, compiler, "element.ts", ELEMENT, module=module, moduleResolution=resolution, paths=paths)
 
 
 @pytest.mark.parametrize("react", ["react", "react18"])
