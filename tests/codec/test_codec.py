@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scenes import tiny_scene
+from scenes import tiny_causal_scene, tiny_scene
 from splatwire.bitstream import Packetization, SceneStream, make_packet, read_stream, stream_to_bytes, write_stream
 from splatwire.bitstream.limits import SCHEMAS
 from splatwire.codec import decode_stream, encode_scene, scene_in_order, side_info_parts
@@ -126,6 +126,15 @@ def test_unusable_scenes_are_refused(scene: AnchorScene) -> None:
     empty = replace(scene, anchors=replace(scene.anchors, mask=np.zeros_like(scene.anchors.mask)))
     with pytest.raises(InvalidValueError, match="nothing to encode"):
         encode_scene(empty)
+
+
+@pytest.mark.parametrize("scene", [tiny_scene(num_anchors=20), tiny_causal_scene(num_anchors=20)])
+def test_scenes_that_span_too_many_voxels_are_refused(scene: AnchorScene) -> None:
+    positions = scene.anchors.positions.copy()
+    positions[:2, 0] = np.array([-1, 1]) * ((1 << 20) + 1) * np.float32(scene.coding.voxel_size)
+    far = replace(scene, anchors=replace(scene.anchors, positions=positions))
+    with pytest.raises(InvalidValueError, match="more than 2,097,152"):
+        encode_scene(far)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import numpy as np
 
 from splatwire.data._checks import check_distinct, check_rigid, pinhole
 from splatwire.data.photos import photo_size
-from splatwire.data.transforms_json import TransformsView
+from splatwire.data.transforms_json import PosedPhoto
 from splatwire.errors import DatasetError
 from splatwire.files.read_limited import read_json
 
@@ -17,7 +17,7 @@ _SUFFIXES = (".jpg", ".jpeg", ".png")
 _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def read_bungee(path: Path, images: str | None = None) -> list[TransformsView]:
+def read_bungee(path: Path, images: str | None = None) -> list[PosedPhoto]:
     """Reads the views of a `poses_enu.json`; poses are in the order of the sorted photo names.
 
     Each pose has 17 numbers: a row-major 3 x 5 matrix (camera-to-world rotation with OpenGL axes, position, and height,
@@ -61,7 +61,7 @@ def _rows(path: Path, content: Any) -> np.ndarray:
     return rows
 
 
-def _view(path: Path, row: np.ndarray, photo: Path, full_width: float) -> TransformsView:
+def _view(path: Path, row: np.ndarray, photo: Path, full_width: float) -> PosedPhoto:
     table = row[:15].reshape(3, 5)
     pose = np.eye(4)
     pose[:3] = table[:, :4]
@@ -73,4 +73,4 @@ def _view(path: Path, row: np.ndarray, photo: Path, full_width: float) -> Transf
     focal *= actual_width / full_width
     K = pinhole(focal, focal, actual_width / 2, actual_height / 2)
     viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
-    return TransformsView(photo.stem, photo, viewmat, K, actual_width, actual_height, size_is_known=False)
+    return PosedPhoto(photo.stem, photo, viewmat, K, actual_width, actual_height, size_is_known=False)

@@ -114,7 +114,9 @@ def _count_images(folder: Path) -> str:
 
 
 def read_views(folder: Path) -> list[ColmapView]:
-    """Reads cameras and images of a reconstruction (`.bin` preferred to `.txt`), sorted by image name.
+    """Reads cameras and images of a reconstruction (`.bin` preferred to `.txt`).
+
+    The images are sorted by file name without folder and suffix, then by their whole name.
 
     Args:
         folder: Folder of the reconstruction, usually `sparse/0`.

@@ -25,7 +25,7 @@ from splatwire.data.lens import Undistortion, undistortion_of
 from splatwire.data.orientation import needs_exif_rotation, shape_fits
 from splatwire.data.photos import limited_size, load_mask, load_photo, photo_size
 from splatwire.data.point_cloud import SparsePoints, read_point_cloud
-from splatwire.data.transforms_json import Transforms, TransformsView, listed_photos, names_masks, read_transforms
+from splatwire.data.transforms_json import PosedPhoto, Transforms, listed_photos, names_masks, read_transforms
 from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError, whole_number
 from splatwire.files.kinds import DATASET, PHOTOS, contains_photos, file_kind, folder_nearby, format_error
 from splatwire.files.names import path_of
@@ -60,7 +60,7 @@ class Dataset(CheckedFields):
     Attributes:
         cameras: The cameras, for images of `cameras.width` x `cameras.height`.
         image_paths: Photo of each view; larger photos are reduced to the size of the cameras when loaded.
-        points: Sparse points of the reconstruction, if there are any; relative to the origin of the cameras.
+        points: Sparse points of the reconstruction, if there are any, relative to `points.origin`.
         background: RGB visible where a photo's alpha is below 1.
         mask_paths: Mask file of each view, or None for a view without mask; empty if no view has a mask.
         undistortions: Undistortion of each view, or None for a pinhole view; empty if all views are pinhole views.
@@ -177,7 +177,7 @@ def open_dataset(
     if not path.is_dir():
         raise DatasetError(format_error(path, "a dataset folder") + _dataset_nearby(path))
     chosen = test_views or ("first_31" if (path / bungee.FILE).is_file() else "every_8th")
-    views: Sequence[ColmapView | TransformsView]
+    views: Sequence[ColmapView | PosedPhoto]
     folder = find_reconstruction(path) if layout is None else None
     if folder is not None:
         warn_of_other_reconstructions(path, folder)
@@ -325,7 +325,7 @@ def _colmap_views(folder: Path, image_folder: Path, split: str, test_views: str)
 
 def _transforms_views(
     path: Path, split: str, images: str | None, test_views: str | None, layout: str | None
-) -> tuple[list[TransformsView], Path, Path | None]:
+) -> tuple[list[PosedPhoto], Path, Path | None]:
     """Reads the views (photos with cameras) of one split of a dataset with BungeeNeRF, Blender or nerfstudio layout.
 
     Args:
@@ -362,7 +362,7 @@ def _transforms_views(
         views = sorted(transforms.views, key=lambda view: (Path(view.name).stem, view.name))
         uses_splits = test_views is None and bool(transforms.splits)
 
-        def chosen_for(split: str) -> list[TransformsView]:
+        def chosen_for(split: str) -> list[PosedPhoto]:
             if uses_splits:
                 return _views_of_split(views, transforms, split)
             return [views[i] for i in _split_indices(len(views), split, test_views or "every_8th")]
@@ -406,10 +406,10 @@ def _has_photos(folder: Path) -> bool:
 
 def _warn_of_copies(
     source: Path,
-    views: Sequence[ColmapView | TransformsView],
+    views: Sequence[ColmapView | PosedPhoto],
     photos: Sequence[Path | None],
     split: str,
-    tests: Sequence[ColmapView | TransformsView],
+    tests: Sequence[ColmapView | PosedPhoto],
 ) -> None:
     """Logs a warning if test photos are copies of training photos; does nothing if `split` is `train`.
 
@@ -447,7 +447,7 @@ def _check_disjoint_splits(halves: dict[str, Path], images: str | None, split: s
         warn_of_copies(halves["test"], names, photos, [file == halves["test"] for file, _, _ in listed])
 
 
-def _views_of_split(views: list[TransformsView], transforms: Transforms, split: str) -> list[TransformsView]:
+def _views_of_split(views: list[PosedPhoto], transforms: Transforms, split: str) -> list[PosedPhoto]:
     """Selects the views of a split, by the lists of training and test views in a transforms file.
 
     Args:
@@ -493,7 +493,7 @@ def _by_stem(folder: Path) -> dict[str, Path]:
 
 
 def _masks(
-    views: Sequence[ColmapView | TransformsView], image_paths: list[Path], apply_exif: bool
+    views: Sequence[ColmapView | PosedPhoto], image_paths: list[Path], apply_exif: bool
 ) -> tuple[Path | None, ...]:
     """Returns the mask file of each view, None for a view without mask; an empty tuple if no view has a mask.
 
@@ -505,7 +505,7 @@ def _masks(
     Raises:
         DatasetError: If a mask and its photo have different sizes.
     """
-    masks = tuple(view.mask_path if isinstance(view, TransformsView) else None for view in views)
+    masks = tuple(view.mask_path if isinstance(view, PosedPhoto) else None for view in views)
     for mask, file in zip(masks, image_paths, strict=True):
         if mask is not None and (mask_size := photo_size(mask)) != (size := photo_size(file, apply_exif=apply_exif)):
             raise DatasetError(
@@ -517,7 +517,7 @@ def _masks(
 
 def _cameras(
     source: Path,
-    views: Sequence[ColmapView | TransformsView],
+    views: Sequence[ColmapView | PosedPhoto],
     image_paths: list[Path],
     max_width: int | None,
     apply_exif: bool,
@@ -561,7 +561,7 @@ def _cameras(
 
 
 def _undistortion(
-    source: Path, view: ColmapView | TransformsView, K: np.ndarray, width: int, height: int
+    source: Path, view: ColmapView | PosedPhoto, K: np.ndarray, width: int, height: int
 ) -> Undistortion | None:  # fmt: skip
     if (
         not view.lens.has_distortion or not min(K[0, 0], K[1, 1]) > 0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from splatwire.data.colmap import ColmapView
 from splatwire.data.photos import has_exif_rotation, photo_size
-from splatwire.data.transforms_json import TransformsView
+from splatwire.data.transforms_json import PosedPhoto
 from splatwire.errors import DatasetError
 
 # COLMAP 3.8 to 3.11 and RealityScan apply the EXIF orientation; other releases of COLMAP and nerfstudio use the stored
@@ -21,7 +21,7 @@ def shape_fits(photo: tuple[int, int], camera: tuple[int, int]) -> bool:
     return abs(photo[1] - camera[1] * photo[0] / camera[0]) <= _MAX_ASPECT_ERROR_PX
 
 
-def needs_exif_rotation(views: Sequence[ColmapView | TransformsView], image_paths: Sequence[Path]) -> bool:
+def needs_exif_rotation(views: Sequence[ColmapView | PosedPhoto], image_paths: Sequence[Path]) -> bool:
     """Decides if the cameras of a dataset describe the photos after their EXIF rotation, or the pixels as stored.
 
     Args:

@@ -57,12 +57,13 @@ _OPENGL_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class TransformsView:
-    """One frame of a transforms file.
+class PosedPhoto:
+    """Photo with its camera, from a transforms file or a `poses_enu.json`.
 
     Attributes:
         name: Path of the image as the transforms file states it (with its suffix, if it states one), without a leading
-            `./`, and with the requested image folder in place of `images/`.
+            `./`, and with the requested image folder in place of `images/`; with `poses_enu.json`, the file name of the
+            image without suffix.
         image_path: The image.
         viewmat: float64 (4, 4), world to camera, OpenCV axes.
         K: float64 (3, 3), for an image of `width` x `height` pixels.
@@ -70,7 +71,7 @@ class TransformsView:
         height: Image height for `K`, pixels.
         mask_path: File with the mask of the image; None without a mask.
         lens: Distortion of the lens.
-        size_is_known: False if the transforms file has no image size; width and height are then read from the image.
+        size_is_known: False if width and height are those of the image, and not stated in the file of poses.
     """
 
     name: str
@@ -95,7 +96,7 @@ class Transforms:
         points: The point cloud named by the key `ply_file_path`; None if the file lacks this key.
     """
 
-    views: list[TransformsView]
+    views: list[PosedPhoto]
     splits: dict[str, frozenset[str]]
     points: Path | None
 
@@ -206,7 +207,7 @@ def listed_photos(path: Path, images: str | None = None) -> dict[str, Path]:
     return photos
 
 
-def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> TransformsView:
+def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], images: str | None) -> PosedPhoto:
     name = _name(frame["file_path"], images)
     of_frame, common = (_with_intrinsics(path, name, fields) for fields in (frame, content))
     terms = {**_listed_terms(path, name, common), **_own_terms(of_frame), **_listed_terms(path, name, of_frame)}
@@ -230,7 +231,7 @@ def _read_frame(path: Path, content: dict[str, Any], frame: dict[str, Any], imag
         raise DatasetError(f"{path}: view '{name}' {why}: remove the wrong one")
     viewmat = np.linalg.inv(pose @ _OPENGL_TO_OPENCV)
     mask = _find_mask(path, name, frame, images)
-    return TransformsView(name, image_path, viewmat, K, width, height, mask, lens, _has_size(values))
+    return PosedPhoto(name, image_path, viewmat, K, width, height, mask, lens, _has_size(values))
 
 
 def _name(file_path: str, images: str | None) -> str:
@@ -245,7 +246,7 @@ def _name(file_path: str, images: str | None) -> str:
 
 
 def _splits(
-    path: Path, content: dict[str, Any], views: list[TransformsView], images: str | None
+    path: Path, content: dict[str, Any], views: list[PosedPhoto], images: str | None
 ) -> dict[str, frozenset[str]]:
     names, splits = {view.name for view in views}, {}
     for split in ("train", "val", "test"):

@@ -71,8 +71,8 @@ class CausalCoding(CheckedFields):
         networks: The networks of `CausalConfig.shapes`, by name.
         steps: Quantisation step sizes: one for each feature group, then one each for offset scale, base size and
             offsets.
-        zero_points: Values subtracted from the logarithms of the offset scale (1 value) and the base size (3 values)
-            before quantisation.
+        zero_points: Values subtracted from the natural logarithms of the offset scale (1 value) and the base size (3
+            values) before quantisation. Streams have binary logarithms.
         middle: Median position of the anchors, voxels.
         spread: Twice the median distance of the anchors from `middle` along each axis, voxels.
         voxel_size: Spacing of anchor positions, world units.

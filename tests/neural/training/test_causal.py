@@ -42,8 +42,8 @@ from splatwire.neural.training.size import (
     MAX_LOG_LAMBDA_CHANGE,
     MEASUREMENTS_PER_ENCODING,
     NUM_MEASUREMENTS,
+    allowed_excess,
     control_size,
-    headroom,
     is_measurement_due,
     next_controller_state,
     stream_bytes,
@@ -166,11 +166,11 @@ def test_target_size_run_resumes_with_its_lambda(dataset: Dataset, recipe: Train
         assert (state.size_controller == SizeController()) == (iteration < times[0])
     assert (
         INITIAL_EXCESS
-        > headroom(wanted.milestones, times[0])
-        > headroom(wanted.milestones, wanted.milestones.iterations)
+        > allowed_excess(wanted.milestones, times[0])
+        > allowed_excess(wanted.milestones, wanted.milestones.iterations)
         == FINAL_EXCESS
     )
-    aim = 20_000 * (1 + headroom(wanted.milestones, times[0]))
+    aim = 20_000 * (1 + allowed_excess(wanted.milestones, times[0]))
     missing = math.log(stream_bytes(export_scene(state, wanted)) / aim)
     assert state.size_controller == SizeController(INTEGRAL * missing, missing)
     assert state.current_lambda(wanted.weights) == wanted.weights.rate * math.exp(INTEGRAL * missing)
@@ -206,7 +206,7 @@ def test_sizes_are_interpolated_between_encoded_ones(
     for iteration in times[: MEASUREMENTS_PER_ENCODING + 1]:
         state.iteration = iteration
         control_size(state, wanted, lambda state: 3000.0)
-        aim = 20_000 * (1 + headroom(wanted.milestones, iteration))
+        aim = 20_000 * (1 + allowed_excess(wanted.milestones, iteration))
         assert state.size_controller.ratio is not None
         assert state.size_controller.log_error == pytest.approx(math.log(3000 * state.size_controller.ratio / aim))
         ratios.append(state.size_controller.ratio)

@@ -22,7 +22,7 @@ from splatwire.bitstream import (
 from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.bitstream.sections import sections_of
 from splatwire.codec.background import BACKGROUND_SECTION
-from splatwire.codec.geometry import anchor_order
+from splatwire.codec.geometry import anchor_order, corner_of
 from splatwire.codec.metadata import SECTION as METADATA
 from splatwire.codec.metadata import metadata_sections
 from splatwire.codec.schema import CHUNK, CodedPackets, DecodedRows, Options, Prepared
@@ -32,6 +32,7 @@ from splatwire.codec.tier_sizes import encode_tier_sizes, read_tier_sizes
 from splatwire.codec.tiers import SECTION as TIERS
 from splatwire.codec.tiers import encode_tiers, read_tiers
 from splatwire.errors import InvalidValueError
+from splatwire.ops.morton import MAX_AXIS_BITS
 from splatwire.types import AnchorScene, TierSizes
 
 
@@ -62,8 +63,9 @@ def prepare_anchors(
     Args:
         scene: The scene; all of its anchors are drawable.
         options: Encoding options. Without a packetization, the result of `spread_packetization` is used.
-        create_encoder: Function that fits the side information. It returns two values: the encoder of the anchors, and
-            the side information.
+        create_encoder: Function that fits the side information. Its arguments are the scene with anchors in coding
+            order, the packetization, named sections, and `Options.network_tolerance`. It returns the encoder of the
+            anchors, and the side information.
         manifest_fields: Further fields of the manifest.
 
     Raises:
@@ -145,12 +147,18 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
         Entry i is the index in `scene` of the i-th anchor in coding order, int64 (n).
 
     Raises:
-        InvalidValueError: If no anchor is drawable.
+        InvalidValueError: If no anchor is drawable, or the drawable anchors span 2**21 voxels or more along an axis.
     """
     drawable = np.flatnonzero(scene.drawable)
     if not len(drawable):
         raise InvalidValueError("the scene has no anchor that draws anything: there is nothing to encode")
     voxels = voxel_indices(scene.anchors.positions[drawable], scene.coding.voxel_size)
+    span = int((voxels - corner_of(voxels)).max()) + 1
+    if span > 1 << MAX_AXIS_BITS:
+        raise InvalidValueError(
+            f"the anchors span {span:,} voxels along an axis, more than {1 << MAX_AXIS_BITS:,}: remove those far away, "
+            "or choose a larger voxel size"
+        )
     return drawable[anchor_order(voxels, order)]
 
 

@@ -37,7 +37,7 @@ class DeviceCausal(TrainableCausal):
     """
 
     # Needs fewer GPU operations than `TrainableCausal`, with the same results: visible and sampled anchors are
-    # processed together, and all networks are packed into one.
+    # processed together, and all networks except the position network are packed into one.
 
     def simulate_quantisation(
         self, state: TrainState, visible: Int64[Tensor, "M"]
@@ -225,7 +225,7 @@ class _ValueBits(torch.autograd.Function):
 
 @dataclass(frozen=True)
 class _OutputOrder:
-    """Order of the outputs of the combined network, which evaluates all networks at once on the GPU.
+    """Order of the outputs of the combined network, which evaluates all networks but the position network at once.
 
     All means come first, then all standard deviations, then the logits of offset masks.
 

@@ -138,7 +138,8 @@ class GrowthRules:
         levels: Maximum number of grids.
         coarsest_cell: Cell size of the coarsest grid, in voxels.
         cell_ratio: Ratio of the cell sizes of consecutive grids.
-        max_log_size: Upper bound on the logarithm of an anchor's base size, world units.
+        max_log_size: Limit of the logarithm of an anchor's base size, world units; applied when the set of anchors
+            changes.
         max_anchors: Maximum number of anchors.
         first_pruning: First iteration in which anchors may be removed.
     """
@@ -167,8 +168,9 @@ class LossWeights:
     Attributes:
         dssim: Weight of 1 - SSIM; the weight of the mean absolute error is 1 - `dssim`.
         volume: Weight of the mean product of the Gaussians' three sizes.
-        rate: Lambda, the weight of the rate in the loss. The rate is the number of bits per parameter. For the causal
-            model, it is the size of the scene in megabytes.
+        rate: Lambda, the weight of the rate in the loss. For HAC++, the rate is the number of bits per
+            attribute value (F + 6 + 3 K values per anchor, also those of masked offsets). For the causal model, it is
+            the size of the scene in megabytes.
         sample_share: Share of the anchors whose rate is estimated in each iteration.
         target_bytes: Target size of the stream in bytes; lambda is controlled to reach it (`neural.training.size`). 0
             keeps lambda constant.
@@ -286,7 +288,7 @@ class TrainConfig:
     """
 
     # The networks of the causal model are as wide as the channel networks. There is at most one random initial point
-    # per four pixels of a view.
+    # per four pixels of a view, but up to 500 for small views.
 
     preset: str = "mipnerf360"
     model: HacppConfig | CausalConfig = field(default_factory=HacppConfig)

@@ -93,7 +93,7 @@ class AllGaussians:
 
 @torch.no_grad()
 def visible_anchors(
-    views: ViewConstants, view: int, positions: Float[Tensor, "N 3"], sizes: Float[Tensor, "N S"]
+    views: ViewConstants, view: int, positions: Float[Tensor, "N 3"], offset_scales: Float[Tensor, "N S"]
 ) -> Bool[Tensor, "N"]:
     """Returns the mask of the anchors that a view may see.
 
@@ -101,14 +101,15 @@ def visible_anchors(
         views: The cameras.
         view: Index of the camera.
         positions: World coordinates of the anchors.
-        sizes: Size of each anchor, one for all axes or one per axis, world units.
+        offset_scales: Scale of each anchor's offsets, one for all axes or one per axis, world units. The anchor is
+            projected like an unrotated Gaussian with these standard deviations.
     """
     ratio, depth, beyond_near = views.local(positions, view)
     rotation = views.rotations[view]
     center = torch.addcmul(views.middles[view], ratio, views.focals[view]).sub_(0.5)
     ratio = ratio.clamp(views.lowest[view], views.highest[view])
     rows = torch.addcmul(rotation[:2], ratio[:, :, None], rotation[2], value=-1)
-    rows = rows.mul_(views.focals[view][:, None] / depth[:, :, None]).mul_(sizes[:, None, :])
+    rows = rows.mul_(views.focals[view][:, None] / depth[:, :, None]).mul_(offset_scales[:, None, :])
     spreads, cross = rows.square().sum(dim=2).add_(DILATION), (rows[:, 0] * rows[:, 1]).sum(dim=1)
     (xx, yy), half = spreads.unbind(dim=1), (spreads[:, 0] - spreads[:, 1]).mul_(0.5)
     longest = half.square_().addcmul_(cross, cross).clamp_(min=0.1).sqrt_().add_(xx, alpha=0.5).add_(yy, alpha=0.5)

@@ -112,12 +112,14 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
 def _grow(state: TrainState, config: TrainConfig, gradients: Float[Tensor, "N K"], uniform: Uniform) -> None:
     """Adds anchors near Gaussians with large gradients, on grids of several cell sizes, the coarsest grid first.
 
+    On grid i, a Gaussian with a large gradient is used with the probability `1 - 0.5 ** (i + 1)` (Scaffold-GS).
+
     Args:
         state: State of the training; changed in place.
         config: The configuration.
         gradients: Mean length of the gradient of the loss with respect to the 2D centre of each offset's Gaussian.
             Negative for offsets drawn in too few views.
-        uniform: Draws random numbers.
+        uniform: Draws the random numbers for this choice.
     """
     rules, num_before = config.growth, state.num_anchors
     for level in range(rules.levels):

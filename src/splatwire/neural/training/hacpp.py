@@ -120,7 +120,7 @@ class TrainableHacpp:
             state: State of the training.
             estimated_bits: Estimated bits of a sample of anchors.
         """
-        return state.current_lambda(self._config.weights) * self.bits_per_parameter(state, estimated_bits)
+        return state.current_lambda(self._config.weights) * self.bits_per_value(state, estimated_bits)
 
     def expected_scalings(self, state: TrainState, index: Int64[Tensor, "M"]) -> Float[Tensor, "M 6"]:
         """Predicts the scalings of anchors from their positions alone, as a receiver must for lost anchors.
@@ -139,7 +139,7 @@ class TrainableHacpp:
         )
         return run_network(means, grid_features(state, self._cache, index, self._kernels))
 
-    def bits_per_parameter(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
+    def bits_per_value(self, state: TrainState, estimated_bits: SampleBits) -> Float[Tensor, ""]:
         """Estimates the mean number of bits per attribute value of a scene, including the bits of the hash grid."""
         # The bits of the attributes are estimated from a sample of anchors. The bits of the hash grid's signs
         # are added, divided by the number of attribute values of all anchors.

@@ -274,7 +274,7 @@ def check_visible(dataset: Dataset, positions: Float[Tensor, "N 3"], elements: s
 
 
 def parameter_shapes(config: TrainConfig, num_anchors: int) -> dict[str, tuple[int, ...]]:
-    """Returns the shape of every trained tensor of a state with `num_anchors` anchors, by name."""
+    """Returns the shape of every tensor in `TrainState.parameters` with `num_anchors` anchors, by name."""
     layout, model = config.model.layout, config.model
     shapes: dict[str, tuple[int, ...]] = {
         "features": (num_anchors, layout.feature_dim),

@@ -21,8 +21,8 @@ iterations. With these gains the size approaches the target without oscillation.
 INITIAL_EXCESS, FINAL_EXCESS = 0.12, 0.007
 """Allowed excess over the target size, as a share of the target, at the first measurement and at the end of training.
 
-The excess at the end is the share of bytes that the final refinement saves. The excess at the start is larger because
-a scene that has become too small hardly grows again: removed anchors cannot be improved any more."""
+The excess at the end is the share of bytes that the final refinement of the causal model saves. The excess at the start
+is larger because a scene that has become too small hardly grows again: removed anchors cannot be improved any more."""
 MAX_LOG_LAMBDA_CHANGE = math.log(64)
 """Maximum absolute change of the natural logarithm of lambda from the configured value."""
 MEASUREMENTS_PER_ENCODING = 6
@@ -48,7 +48,7 @@ def control_size(state: TrainState, config: TrainConfig, estimate: Callable[[Tra
         InvalidValueError: If no anchor is left.
     """
     if config.weights.target_bytes and is_measurement_due(config.milestones, state.iteration):
-        max_bytes = config.weights.target_bytes * (1 + headroom(config.milestones, state.iteration))
+        max_bytes = config.weights.target_bytes * (1 + allowed_excess(config.milestones, state.iteration))
         size, ratio = _measure_size(state, config, estimate)
         controller = next_controller_state(state.size_controller, math.log(size / max_bytes))
         state.size_controller = replace(controller, ratio=ratio)
@@ -103,7 +103,7 @@ def _interval(milestones: Milestones) -> int:
     return max((milestones.iterations - measuring_start(milestones)) // NUM_MEASUREMENTS, 1)
 
 
-def headroom(milestones: Milestones, iteration: int) -> float:
+def allowed_excess(milestones: Milestones, iteration: int) -> float:
     """Returns by how much the stream may exceed the target size after an iteration, as a share of the target size."""
     # The share falls linearly during the training, from `INITIAL_EXCESS` to `FINAL_EXCESS`.
     left = (milestones.iterations - iteration) / max(milestones.iterations - measuring_start(milestones), 1)
@@ -124,7 +124,7 @@ def next_controller_state(before: SizeController, log_error: float) -> SizeContr
         log_error - (log_error if before.log_error is None else before.log_error)
     )
     log_lambda_factor = min(max(before.log_lambda_factor + change, -MAX_LOG_LAMBDA_CHANGE), MAX_LOG_LAMBDA_CHANGE)
-    return SizeController(log_lambda_factor, log_error)
+    return replace(before, log_lambda_factor=log_lambda_factor, log_error=log_error)
 
 
 def stream_bytes(scene: AnchorScene) -> int:

@@ -154,8 +154,8 @@ class TrainingStep:
         positions = self._cache.positions(state)
         if self._views is not None:
             logs = state.parameters["log_scalings"]
-            sizes = logs[:, : 3 if logs.shape[1] == 6 else 1].exp()
-            return device_view.visible_anchors(self._views, view, positions, sizes).nonzero()[:, 0]
+            offset_scales = logs[:, : 3 if logs.shape[1] == 6 else 1].exp()
+            return device_view.visible_anchors(self._views, view, positions, offset_scales).nonzero()[:, 0]
         projected = project_tensors(positions, state.scalings()[:, :3], None, self._cameras, view)
         return projected.touches_image(self._cameras.width, self._cameras.height).nonzero()[:, 0]
 

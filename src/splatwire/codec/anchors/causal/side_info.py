@@ -44,7 +44,7 @@ class SideInfo:
         linear_steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
         steps_of_logs: Quantisation steps of the binary logarithms of offset scale and base size, int64 (2), `LOG_BITS`
             fractional bits.
-        zero_points: int64 (4), zero points of an anchor's four logarithms (offset scale and three base sizes),
+        zero_points: int64 (4), zero points of an anchor's four binary logarithms (offset scale and three base sizes),
             `LOG_BITS` fractional bits.
         networks: Networks of `CausalConfig.shapes`, by name.
         heads: Rendering networks: opacity, covariance, colour.
