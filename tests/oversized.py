@@ -31,7 +31,7 @@ from splatwire.codec.anchors.hacpp.side_info import MASK_CONTEXTS
 from splatwire.codec.anchors.hacpp.side_info import SideInfo as HacppInfo
 from splatwire.codec.anchors.hacpp.side_info import write_side_info as write_hacpp
 from splatwire.codec.sequence.decoder import open_side_info as open_clip
-from splatwire.codec.sequence.layout import ENDS, HEADER_FIELDS, MAX_CANDIDATES, MOVING, NUM_CHANNELS, STATE, TRACK
+from splatwire.codec.sequence.layout import ENDS, HEADER_FIELDS, MAX_TRACK_SPAN, MOVING, NUM_CHANNELS, STATE, TRACK
 from splatwire.codec.sequence.motion_coder import MotionCoder
 from splatwire.codec.sequence.side_info import Shot
 from splatwire.codec.sequence.side_info import write_side_info as write_clip
@@ -92,33 +92,33 @@ def of_tracks(real: SceneStream, blocks: int, frames: int, *, bases: int, motion
     base, none = info.keyframe_info, np.zeros((blocks, 3), np.int64)
     boxes = replace(base.boxes, shifts=none[:, 0], grid_corners=none, extents=none)
     base = replace(base, boxes=boxes, block_means=np.repeat(base.block_means[:1], blocks, axis=0))
-    every = np.arange(MAX_CANDIDATES)
+    every = np.arange(MAX_TRACK_SPAN)
     coder = MotionCoder(
-        *moving_rows(frames), every, first_new=0, max_payload_bytes=60_000, costs=np.ones(MAX_CANDIDATES)
+        *moving_rows(frames), every, first_new=0, max_payload_bytes=60_000, costs=np.ones(MAX_TRACK_SPAN)
     )
-    zero_probabilities = coder.fit_zero_probabilities([(0, MAX_CANDIDATES)], 1)
+    zero_probabilities = coder.fit_zero_probabilities([(0, MAX_TRACK_SPAN)], 1)
     timeline = Timeline(info.timeline.rate, frames, frames)
     info = replace(
         info, timeline=timeline, shots=(Shot(0, 0, base),), zero_probabilities=zero_probabilities, sections={}
     )
     tiers, sizes = (TierCounts(num, 1), TierCounts(num, 1)), [CUT.block_size] * blocks
-    stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_CANDIDATES)
+    stream = stream_of(TRACKS, CUT, 2 * num, write_clip(info), 0, tiers=tiers, packets=blocks + num // MAX_TRACK_SPAN)
     packets = [make_packet(PacketId(n, 0), size, b"", 7) for n, size in enumerate(sizes[:bases])]
-    payloads = coder.encode(zero_probabilities, (0, MAX_CANDIDATES)).payloads
+    payloads = coder.encode(zero_probabilities, (0, MAX_TRACK_SPAN)).payloads
     for n in range(motion):
-        block, begin = divmod(n * MAX_CANDIDATES, CUT.block_size)
-        packets.append(make_packet(PacketId(blocks + block, begin), MAX_CANDIDATES, payloads[0], 7))
+        block, begin = divmod(n * MAX_TRACK_SPAN, CUT.block_size)
+        packets.append(make_packet(PacketId(blocks + block, begin), MAX_TRACK_SPAN, payloads[0], 7))
     return SceneStream(stream.manifest, stream.side_info, tuple(packets))
 
 
 def moving_rows(frames: int) -> tuple[np.ndarray, ...]:
     """The maximum number of tracks per packet, all with the motion of the first, in every order."""
-    heads = np.zeros((MAX_CANDIDATES, HEADER_FIELDS), np.int64)
-    heads[:, TRACK], heads[:, STATE], heads[:, ENDS] = np.arange(MAX_CANDIDATES), MOVING, frames
-    targets = np.zeros((MAX_CANDIDATES, NUM_CHANNELS, frames))
+    heads = np.zeros((MAX_TRACK_SPAN, HEADER_FIELDS), np.int64)
+    heads[:, TRACK], heads[:, STATE], heads[:, ENDS] = np.arange(MAX_TRACK_SPAN), MOVING, frames
+    targets = np.zeros((MAX_TRACK_SPAN, NUM_CHANNELS, frames))
     targets[:, 0, frames - 1] = 1 << 12
-    shifts = np.full((MAX_CANDIDATES, NUM_CHANNELS), 10, np.int64)
-    return heads, np.zeros((MAX_CANDIDATES, 3), np.int64), shifts, targets
+    shifts = np.full((MAX_TRACK_SPAN, NUM_CHANNELS), 10, np.int64)
+    return heads, np.zeros((MAX_TRACK_SPAN, 3), np.int64), shifts, targets
 
 
 def of_gaussians(real: SceneStream, packetization: Packetization, num: int, num_packets: int) -> SceneStream:

@@ -888,7 +888,7 @@ EXPORT(decode) uint32_t decode(
 #define HEADER_FIELDS 6
 #define MOVING 1
 #define MAX_FRAMES 64
-#define MAX_CANDIDATES 4096
+#define MAX_TRACK_SPAN 4096
 #define NEIGHBOUR_CONTEXTS 10
 #define DEGREE_CONTEXTS 8
 #define OCTAVE_CONTEXTS 16
@@ -916,7 +916,7 @@ static int32_t read_headers(int32_t first_new) {
   int32_t first = (int32_t)raw(28);
   uint64_t gap = gamma_code();
   int32_t previous_end = first - (gap > MAX_LEAD ? MAX_LEAD : (int32_t)gap);
-  int32_t end = first + smaller((int32_t)raw(13), MAX_CANDIDATES);
+  int32_t end = first + smaller((int32_t)raw(13), MAX_TRACK_SPAN);
   gap = gamma_code();
   int32_t num_read = 0, is_gone = 0, moving_history = 0;
   for (int32_t track = first; track < end; track++) {

@@ -48,7 +48,7 @@ const INTERNAL = `
   setInfo setLimits setMessage setRow settled setUp setViewpoint setVisible shifts showNotice showStatistics sideInfo
   sideInfoBytes sideInfoDigest signed simulation sizeLog spread squares stage stages stalledFrames started startWebGL
   stateOf stepsOfLogs stopProbabilities storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing
-  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timed timeline trackProperties transmittance
+  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timed timeline trackProperties trackSpan transmittance
   transports trust unsigned upperBits upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels
   voxelSize waited waitUntil wanted wasConcealed welcome withdraw withoutComparison withRenderer zeroPoints
 `

@@ -1,4 +1,4 @@
-// Helper threads that decode packets, one fewer than the device has cores.
+// Helper threads that decode packets, at most four, and fewer than the device has cores.
 
 import type { FromHelper, HelpedPacket, PacketBody, ToHelper } from "./packet_helper.ts";
 

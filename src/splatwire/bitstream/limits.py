@@ -97,8 +97,8 @@ class StreamSchema:
             forged.
         layout: True if the manifest contains the sizes of an anchor's attributes.
         separable: True if packets may contain single attributes (separated packaging).
-        spread: True if the default packetization is `spread` (each packet contains elements from all over the scene),
-            False if it is `paper` (from all over its block).
+        spread: True if the default packetization is `spread` (blocks as large as possible), False if it is `paper`
+            (small blocks). Each packet contains elements from all over its block.
         explicit: True if the elements are Gaussians, which are the same in all views; False for anchors, from which
             Gaussians are generated for each view.
         page: True if the web decoder supports the schema.

@@ -156,7 +156,7 @@ _PACKETIZATION_TYPES: dict[str, type] = {f.name: type(f.default) for f in fields
 
 @checked
 def manifest_to_bytes(manifest: Manifest) -> bytes:
-    """Serialises a manifest as compact JSON that ends with a digest of all other fields."""
+    """Serialises a manifest as compact JSON with sorted keys; one of them is a digest of all other fields."""
     content = _content(manifest)
     return _dump({**content, "digest": _digest(content)})
 

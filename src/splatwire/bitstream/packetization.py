@@ -125,8 +125,8 @@ packets that fit a datagram.
 """
 
 SPREAD = "spread"
-"""Name of the packetization with lanes over the whole scene (`spread_packetization`), accepted by `packetization_named`
-in addition to `PRESETS`."""
+"""Name of the packetization with lanes over blocks as large as possible (`spread_packetization`), accepted by
+`packetization_named` in addition to `PRESETS`."""
 _PACKET_ELEMENTS, _MIN_LANES = 375, 8
 """Elements per packet and minimum number of lanes, as in the paper."""
 
@@ -134,6 +134,8 @@ _PACKET_ELEMENTS, _MIN_LANES = 375, 8
 @checked
 def spread_packetization(num_elements: int) -> Packetization:
     """Returns a packetization whose packets each contain elements from all over the scene.
+
+    Of more than 65,535 elements: from all over a block, of which there are as few as possible.
 
     A lost packet then thins the scene out evenly instead of leaving a hole.
 

@@ -88,7 +88,8 @@ def read_stream(path: str | os.PathLike[str]) -> tuple[SceneStream, ReadReport]:
     Raises:
         InvalidValueError: If `path` is not a path.
         BitstreamError: If `path` does not contain a stream, or the manifest is damaged; the message names the file.
-        MissingSideInfoError: If the manifest or the side information is missing, cut or damaged.
+        TruncatedStreamError: If a file ends within the manifest.
+        MissingSideInfoError: If the side information is missing, cut or damaged, or a folder has no manifest.
     """
     with opened(path_of(path, "a stream")) as source:
         stream, report = _read_directory(source) if source.is_dir() else _read_file(source)

@@ -58,7 +58,7 @@ def input_path(name: str) -> Iterator[Path]:
 
     Raises:
         InvalidValueError: If standard input is closed.
-        BitstreamError: If the first bytes are not those of a supported format.
+        BitstreamError: If standard input is empty, text, or of an unknown format.
     """
     if name != STANDARD:
         with opened(Path(name)) as path:

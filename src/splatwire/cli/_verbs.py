@@ -85,7 +85,7 @@ VERBS = {
     "live": Verb(
         "live",
         "Live",
-        "Encode frames as they appear, and serve them at the same time; stops at Ctrl-C or when standard input ends.",
+        "Encode frames as they appear, and serve them at the same time, until Ctrl-C or, with -, the end of standard input.",
     ),
     "receive": Verb(
         "receive",

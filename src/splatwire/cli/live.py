@@ -10,7 +10,7 @@ from splatwire.cli._options import Listening
 
 @dataclass(frozen=True)
 class Live(Listening):
-    """Encode frames as they appear, and serve them at the same time; stops at Ctrl-C or when standard input ends."""
+    """Encode frames as they appear, and serve them at the same time, until Ctrl-C or, with -, the end of standard input."""
 
     frames: tyro.conf.Positional[str]
     """Folder into which another program writes one file per frame, with names in order of time; or - to read the names

@@ -46,8 +46,7 @@ class Kind:
     Attributes:
         key: Short identifier.
         description: Description with its article, such as `a PLY file`, for messages.
-        use: Advice on what to do with files of this format, for the end of error messages. Empty if splatwire cannot
-            read such files.
+        use: Advice on what to do with files of this format, for the end of error messages. Empty if there is none.
     """
 
     key: str
@@ -429,10 +428,10 @@ def kind_of_format(file_format: FileFormat) -> Kind:
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
     """Detects file formats that other installed packages have registered.
 
-    The packages are only consulted if splatwire itself cannot read the file and the file is not empty.
+    The packages are only consulted about kinds without advice (`use`), and not about empty files.
 
     Args:
-        kind: Result of the built-in detection; its `use` is empty if splatwire cannot read the file.
+        kind: Result of the built-in detection.
         head: First bytes of the file.
         suffix: Suffix of the file name.
 

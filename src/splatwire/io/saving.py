@@ -121,7 +121,8 @@ def _saved_as_own_type(scene: Scene, target: Path) -> bool:
 def _ply_steps_of(scene: Scene) -> PlySteps | None:
     """Returns the quantisation steps of decoded Gaussians, to store in a PLY.
 
-    The result is None if the steps are unknown, or loss concealment has changed the Gaussians after decoding.
+    The result is None if the steps are unknown, or loss concealment has enlarged Gaussians after decoding. Estimates of
+    lost Gaussians are not noticed.
     """
     coding: SplatCoding | None = getattr(scene, "coding", None)
     if coding is None:

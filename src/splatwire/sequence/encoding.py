@@ -174,7 +174,7 @@ class SequenceEncoder:
             return self._flush()
         # Not earlier: in the first half of a group, this work would delay sending the previous group.
         if self._live and 2 * len(self._group_builder) > self._options.group_frames:
-            self._tracks_encoder.add_frames(*self._group_builder.tracks_so_far())
+            self._tracks_encoder.fit_early(*self._group_builder.tracks_so_far())
         self._finish_deferred_work()
         return []
 

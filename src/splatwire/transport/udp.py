@@ -125,7 +125,7 @@ class SocketServer(abc.ABC):
 
 
 class UdpServer(SocketServer):
-    """Server of streams on one UDP socket; runs until `close`. Requires a running event loop.
+    """Server of streams on one UDP port; runs until `close`. Requires a running event loop.
 
     Args:
         streams: Prepared streams by name; a client that requests no name gets the first.
@@ -148,7 +148,7 @@ class UdpServer(SocketServer):
         self._group.add_readers(self._loop, self._readable)
 
     def close(self) -> None:
-        """Stops the server by closing its socket, which cuts off running transfers."""
+        """Stops the server by closing its sockets, which cuts off running transfers."""
         self._group.remove_readers(self._loop)
         self._loop.remove_writer(self._socket)
         self._cancel_timer()

@@ -81,7 +81,7 @@ export interface ElementDecoder<P extends ElementBatch = ElementBatch> {
   bytesOf(packet: Packet): number;
   /** Continues with a longer head of the same stream. Absent if streams of this kind do not grow. */
   grow?(sideInfo: Uint8Array, plan: Plan): void;
-  /** Decodes a packet that fits the plan. Any payload decodes to some elements. */
+  /** Adds a packet that fits the plan, and decodes it unless such packets are decoded only for drawing. */
   read(packet: Packet): P;
   /**
    * Decodes a packet without changing this object, so that another thread can do it. Returns null for packets that are

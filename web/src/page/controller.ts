@@ -26,8 +26,8 @@ import { showMetadata, showPacketStatistics } from "./packet_statistics.ts";
 import { Panel } from "./panel.ts";
 import { pictureOf } from "./screenshot.ts";
 import { SequencePlayback, type WantedPlayback } from "./sequence_playback.ts";
-import { SessionStatus } from "./session_status.ts";
 import { Stage } from "./stage.ts";
+import { TransferStatus } from "./transfer_status.ts";
 
 /** Memory that is reserved on the GPU for updates, in multiples of the scene. */
 const UPDATE_ROOM = 2;
@@ -54,7 +54,7 @@ export class Controller {
   readonly panel: Panel;
   readonly #playback: SequencePlayback;
   readonly #milestones: Milestones;
-  readonly #session: SessionStatus;
+  readonly #transferStatus: TransferStatus;
   readonly #worker: Worker;
   readonly #comparison: Comparison;
   readonly #rotation: AutoRotation;
@@ -104,7 +104,7 @@ export class Controller {
     this.#worker = startWorker(); // first, because starting a thread takes time
     this.#worker.addEventListener("message", ({ data }: MessageEvent<FromWorker>) => this.#onMessage(data));
     const fail = (error: Error): void => {
-      if (!this.#destroyed.signal.aborted) this.#session.fail(error.message);
+      if (!this.#destroyed.signal.aborted) this.#transferStatus.fail(error.message);
     };
     const failWith = (failed: AbortController, error: Error): void => {
       if (failed.signal.aborted) return; // reported before
@@ -120,7 +120,7 @@ export class Controller {
         const { aborted, reason } = this.#drawingFailed.signal;
         if (aborted) {
           this.#drawingFailed = new AbortController();
-          this.#session.withdraw(reason.message);
+          this.#transferStatus.withdraw(reason.message);
         }
         this.#conceal();
       },
@@ -150,7 +150,7 @@ export class Controller {
       },
       title,
     );
-    this.#session = new SessionStatus(this.status, this.panel, dispatch);
+    this.#transferStatus = new TransferStatus(this.status, this.panel, dispatch);
     this.#milestones = new Milestones(this.status, dispatch, this.#destroyed.signal);
     this.#comparison = new Comparison(
       this.stage,
@@ -232,7 +232,7 @@ export class Controller {
   }
 
   verify(): Promise<boolean> {
-    const verify = (): Promise<boolean> => this.#session.verify(() => this.#send({ kind: "digest" }));
+    const verify = (): Promise<boolean> => this.#transferStatus.verify(() => this.#send({ kind: "digest" }));
     return unlessAborted(verify, this.#destroyed.signal, this.#workerFailed.signal);
   }
 
@@ -448,13 +448,13 @@ export class Controller {
       case "note":
         return panel.setMessage(message.text);
       case "disconnect":
-        return this.#session.lost(message.reason, message.retryMs);
+        return this.#transferStatus.lost(message.reason, message.retryMs);
       case "finished":
         return this.#finished(message.outcome, message.complete);
       case "failed":
-        return this.#session.fail(message.text);
+        return this.#transferStatus.fail(message.text);
       case "digest":
-        return this.#session.verified(message.isVerified);
+        return this.#transferStatus.verified(message.isVerified);
     }
   }
 
@@ -463,7 +463,7 @@ export class Controller {
     this.stage.end();
     if (this.stage.renderer) this.#conceal();
     this.#playback.end();
-    this.#session.finished(outcome, complete, this.#playback.live);
+    this.#transferStatus.finished(outcome, complete, this.#playback.live);
     this.#follow();
   }
 
@@ -607,7 +607,7 @@ export class Controller {
     const { packets, expected, bytes, transport } = message.counts;
     Object.assign(this.status, { packets, expected, transport, way: transport, decodeMs: message.decodeMs });
     showPacketStatistics(this.panel, message);
-    this.#session.progress(this.#playback.live, message.droppedGroups);
+    this.#transferStatus.progress(this.#playback.live, message.droppedGroups);
     this.dispatch("progress", { packets, expected, bytes, gaussians: this.status.gaussians });
   }
 

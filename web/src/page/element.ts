@@ -48,7 +48,10 @@ export class SplatWire extends Base {
   declare session: string;
   /** SHA-256 of the certificate of `session`. */
   declare fingerprint: string;
-  /** Concealer: `drop`, `grow`, `scene_free` or `sketch`. The empty string means `sketch` if available, else `grow`. */
+  /**
+   * Concealer: `drop`, `grow`, `scene_free` or `sketch`. The empty string means `sketch` if available, else `grow`. Of
+   * a clip: `motion` (the default), `hold` or `drop`.
+   */
   declare concealer: string;
   /** Initial view, nine numbers: eye, target, up. */
   declare viewpoint: string;

@@ -97,7 +97,8 @@ export class Transfer {
   readonly #nackCounts = new Map<number, number>();
   /** True if the stream was live when the transfer began. The requests for each packet are then limited. */
   #beganLive = false;
-  #streamBefore: number | null = null;
+  /** Stream id of the previous period, whose late welcome messages are ignored. */
+  #previousPeriodId: number | null = null;
   #largestSequence = -1;
   #largestAt: number;
   #highestReceived = -1;
@@ -343,7 +344,7 @@ export class Transfer {
       next = readWelcome(bytes, this.nonce);
     if (!next || !before.isLive || next.session !== before.session) return;
     const isSame = next.streamId === before.streamId;
-    if (isSame ? next.packets < before.packets : next.streamId === this.#streamBefore) return;
+    if (isSame ? next.packets < before.packets : next.streamId === this.#previousPeriodId) return;
     if (isSame && next.isLive === before.isLive && hex(next.digest) === hex(before.digest)) return;
     this.welcome = next;
     this.#isGrown = true;
@@ -361,7 +362,7 @@ export class Transfer {
 
   /** Discards the state of the previous period. */
   #resetPeriod(streamId: number): void {
-    this.#streamBefore = streamId;
+    this.#previousPeriodId = streamId;
     this.#packetNackedAt.clear();
     this.#sequenceNackedAt.clear();
     this.#nackCounts.clear();

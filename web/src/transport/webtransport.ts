@@ -24,7 +24,7 @@ const VIEW_INTERVAL_MS = 100;
 const IMMEDIATE_UPDATES = 2;
 /** Interval of later repetitions, milliseconds. */
 const VIEW_REPEAT_MS = 1000;
-/** Time after all tiles of the view arrived, from which feedback is sent at half this interval, milliseconds. */
+/** Time after all tiles of the view were sent, from which feedback is sent at half this interval, milliseconds. */
 const IDLE_MS = 1000;
 /** Number of `BYE` datagrams that end a transfer. */
 const NUM_BYES = 3;
@@ -173,7 +173,7 @@ export async function receiveDatagrams(
   return transfer.finished;
 }
 
-/** Creates view updates and feedback when they are due: at a low rate once all tiles of the view arrived. */
+/** Creates view updates and feedback when they are due: at a low rate once all tiles of the view were sent. */
 class FeedbackScheduler {
   #sentCamera: ViewCamera | null = null;
   #completeCamera: ViewCamera | null = null;
@@ -187,7 +187,7 @@ class FeedbackScheduler {
     readonly listener: Listener,
   ) {}
 
-  /** True if all tiles of the view arrived. */
+  /** True if all tiles of the view were sent. */
   get isComplete(): boolean {
     return this.#completeAt < Infinity;
   }

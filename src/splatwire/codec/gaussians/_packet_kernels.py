@@ -91,14 +91,14 @@ def reverse_bits(code, bits):
 
 @njit(borrows=True, error_model="numpy")
 @no_type_check
-def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
+def _code_cell_codes(coder, codes, bits, spread, slots, stack):
     """Encodes or decodes the Morton codes of the grid cells that contain a packet's Gaussians.
 
     Args:
         coder: Entropy coder.
         codes: The Morton codes, int64 (n): input of an encoder, output of a decoder.
         bits: Number of bits of a code.
-        interleaved: 1 if the packet's Gaussians are spread over the block, 0 if they are adjacent. If 1, the lowest
+        spread: 1 if the packet's Gaussians are spread over the block, 0 if they are adjacent. If 1, the lowest
             bits of each code are coded separately, because these bits are similar in all Gaussians of the packet. A
             decoder ignores the argument and reads this flag from the packet.
         slots: Working array, int64 (n).
@@ -106,8 +106,8 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
     """
     # If the Gaussians of a packet are spread over a block, the lowest bits of their codes are similar, and are coded
     # separately.
-    interleaved = code_raw(coder, interleaved, ONE)
-    size = min(bits, SLOT_BITS) if interleaved else 0
+    spread = code_raw(coder, spread, ONE)
+    size = min(bits, SLOT_BITS) if spread else 0
     first, last = np.int64(1 << size), np.int64(0)
     if not coder.decoding:
         for i in range(len(codes)):
@@ -118,7 +118,7 @@ def _code_cell_codes(coder, codes, bits, interleaved, slots, stack):
     count = code_raw(coder, last - first, size) + 1
     code_cells(coder, codes, bits - size, stack)
     for i in range(len(codes)):
-        slot = code_below(coder, slots[i] - first, count) if interleaved else 0
+        slot = code_below(coder, slots[i] - first, count) if spread else 0
         codes[i] = (codes[i] << size) | reverse_bits((first + slot) & ((1 << size) - 1), size)
 
 
@@ -220,7 +220,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
     """
     base_exponents, lattice_bits, max_position_shift, flatness_table = step_parameters
     absolute = max_position_shift >= 0  # False with side information of version 2, see `SideInfo.packet_dependent`
-    cell_shift, interleaved, codes, positions, classes, logs, axes, colours, source_harmonics = source
+    cell_shift, spread, codes, positions, classes, logs, axes, colours, source_harmonics = source
     neighbours, cell_codes, stack, predicted_axis, quantised_axis = scratch
     cells, n = neighbours.cells, len(rows)
     cell_shift = code_raw(coder, cell_shift, CELL_SHIFT_BITS)
@@ -229,7 +229,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
         for i in range(n):
             cell_codes[i] = codes[order[i]] >> (3 * (cell_shift - max(box_bits - MAX_CELL_BITS, 0)))
     # `cells[0]` serves as working array, before the cells are written to it.
-    _code_cell_codes(coder, cell_codes, 3 * (box_bits - cell_shift), interleaved, cells[0], stack)
+    _code_cell_codes(coder, cell_codes, 3 * (box_bits - cell_shift), spread, cells[0], stack)
     _cells_of_codes(cell_codes, cells, neighbours.narrow)
     for i in range(n):
         j = 0 if coder.decoding else order[i]

@@ -1,4 +1,6 @@
-"""Numba kernels that convert Gaussians to the fixed-point input of the encoder, and find the order of packets.
+"""Numba kernels that convert Gaussians to the fixed-point input of the encoder, and sort them in each block.
+
+The sorted order is the one in which packets are filled.
 
 The functions of numpy that these kernels replace are in `tests/reference/gaussian_sources.py`.
 """

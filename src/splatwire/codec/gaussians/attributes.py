@@ -32,7 +32,7 @@ GREY = LUMA_CHROMA.sum(axis=1) / 2
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Attributes of N Gaussians as input of the encoder, mostly in fixed point.
+    """Attributes of N Gaussians for rounding without encoding (`rounding`), mostly in fixed point.
 
     Attributes:
         logs: int64 (N, 4), base-2 logarithms of the opacity and of the scales (relative to the scene's size, largest
@@ -70,7 +70,7 @@ def log2_scene_size(splats: Splats) -> int:
 
 
 def to_sources(splats: Splats, size_log: int) -> Sources:
-    """Converts Gaussians to fixed-point attributes and sorted principal axes, as input of the encoder.
+    """Converts Gaussians to fixed-point attributes and sorted principal axes.
 
     Args:
         splats: The Gaussians.
@@ -149,7 +149,7 @@ def fit_transform(harmonics: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def transform_harmonics(splats: Splats, transform: np.ndarray) -> np.ndarray:
-    """Applies the decorrelating transform to spherical harmonics above degree 0; returns the integers to be coded.
+    """Applies the decorrelating transform to spherical harmonics above degree 0; returns integers.
 
     Args:
         splats: The n Gaussians, with K harmonics above degree 0.
@@ -195,11 +195,11 @@ def to_splats(
     count = len(rows)
     shapes = (count, 3), (count, 4), (count, 3), (count,), (count, 1 + harmonics.shape[1] // 3, 3)
     splats = Splats(*(np.empty(shape, np.float32) for shape in shapes))
-    write_splats(splats, np.arange(count), rows, harmonics, corners, lattice_bits, size_log, transform)
+    fill_splats(splats, np.arange(count), rows, harmonics, corners, lattice_bits, size_log, transform)
     return splats
 
 
-def write_splats(
+def fill_splats(
     splats: Splats, indices: np.ndarray, rows: np.ndarray, harmonics: np.ndarray, corners: np.ndarray,
     lattice_bits: int, size_log: int, transform: np.ndarray,
 ) -> None:  # fmt: skip

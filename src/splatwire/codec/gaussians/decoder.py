@@ -11,7 +11,7 @@ from splatwire.bitstream.origin import ORIGIN_SECTION
 from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.gaussians import _packet_kernels as kernels
-from splatwire.codec.gaussians.attributes import empty_rows, update_digest, write_splats
+from splatwire.codec.gaussians.attributes import empty_rows, fill_splats, update_digest
 from splatwire.codec.gaussians.blocks import CHUNK_GAUSSIANS
 from splatwire.codec.gaussians.copies import read_copies
 from splatwire.codec.gaussians.layout import (
@@ -244,7 +244,7 @@ def store_block(
     for first in range(0, len(rows), CHUNK_GAUSSIANS):
         chunk = slice(first, first + CHUNK_GAUSSIANS)
         corners = np.broadcast_to(info.boxes.corners[block], filled[chunk][:, :3].shape)
-        write_splats(
+        fill_splats(
             splats,
             indices[chunk],
             filled[chunk],

@@ -75,7 +75,7 @@ COEFFICIENTS = np.array(
     ],
     dtype=np.int64,
 )
-"""Dependence of quantisation steps on decoded scales and opacity. When the value of a column doubles, the step of each
+"""Dependence of quantisation steps on decoded scales and opacity. When a column grows by 1 octave, the step of each
 quantity in `STEPS` (one per row) becomes finer by this number of 64ths of an octave; int64 (steps, 4).
 """
 

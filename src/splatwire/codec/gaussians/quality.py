@@ -26,7 +26,8 @@ class Quality:
     """Quality setting of explicit Gaussians, from which their quantisation steps are derived.
 
     Attributes:
-        level: Precision, -8 to 24: all quantisation steps are `2**-level` times as large as at level 0.
+        level: Precision of the finest class, -8 to 24: all quantisation steps are `2**-level` times as large as at
+            level 0.
         classes: Number of precision classes, 1 to 8; an encoder assigns each Gaussian one of them. The quantisation
             steps of a class are twice as large as those of the next higher class.
         position: Additional precision of positions, -16 to 16, for scenes with many Gaussians at nearly equal depth.
@@ -75,6 +76,8 @@ class Quality:
         """
         num_classes = self.num_classes(degree)
         exponents = np.array(_HIGHER_DEGREE_PRECISION if degree else _DEGREE_0_PRECISION) + self.level
+        # Class 0 is `num_classes - 1` octaves coarser than the finest class. For each class fewer than asked for, all
+        # steps are a quarter of an octave coarser.
         exponents = exponents - (self.classes - num_classes) / 4 - (num_classes - 1)
         exponents[STEPS.index("position")] += self.position
         exponents += self.precision

@@ -22,6 +22,7 @@ from splatwire.codec.gaussians.blocks import (
     typical_cell_shift,
 )
 from splatwire.codec.gaussians.layout import (
+    ASSUMED_ELONGATION,
     BITS,
     COEFFICIENTS,
     MAX_CELL_BITS,
@@ -63,7 +64,7 @@ class BlockSource(NamedTuple):
 
     Attributes:
         cell_shift: log2 of the cell size of the coarse position grid, in the unit of `positions`.
-        interleaved: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
+        spread: 1 if each packet has Gaussians from all over the block, 0 if a packet contains adjacent Gaussians.
         codes: int64 (n), Morton codes of the positions, from `write_block_positions`.
         positions: int64 (n, 3), positions relative to the corner of the block's bounding box, in spacings of the
             position lattice.
@@ -75,7 +76,7 @@ class BlockSource(NamedTuple):
     """
 
     cell_shift: np.int64
-    interleaved: np.int64
+    spread: np.int64
     codes: np.ndarray
     positions: np.ndarray
     precision_classes: np.ndarray
@@ -159,6 +160,7 @@ class SourceScene:
             )
             chosen_bits = _choose_lattice_bits(splats, precision_classes, base_exponents, size_log)
             lattice_bits = min(chosen_bits, max_lattice_bits)
+            # The bits of a cell would be wasted if a position step were larger than the cell.
             max_position_shift = typical_cell_shift(splats.means, lattice_bits, size_log)
         centres = _quantised_positions(
             splats, precision_classes, base_exponents, size_log, lattice_bits, max_position_shift
@@ -424,8 +426,10 @@ def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarr
     # Explicit order of addition: `sum` rounds differently from Python 3.12 on.
     total = functools.reduce(operator.add, (logs for logs, _ in totals), 0.0)
     count = sum(number for _, number in totals)
-    mean = total / count - size_log if count else -POINT_OCTAVES
-    base_exponents[STEP_SCALE0] += np.rint(COEFFICIENTS[STEP_SCALE0, 0] * (2 * mean - 2)).astype(np.int64)
+    mean_log_largest = total / count - size_log if count else -POINT_OCTAVES
+    # A decoder does not know a Gaussian's area yet when it decodes the largest scale: the scene's mean area stands in.
+    mean_log_area = 2 * mean_log_largest - (ASSUMED_ELONGATION >> BITS)
+    base_exponents[STEP_SCALE0] += np.rint(COEFFICIENTS[STEP_SCALE0, 0] * mean_log_area).astype(np.int64)
     return base_exponents
 
 

@@ -13,20 +13,20 @@ from splatwire.codec.sequence.layout import (
     C_MOVING,
     C_OCTAVE,
     C_ZERO,
-    CANDIDATE_BITS,
     DEGREE_CONTEXTS,
     ENDS,
     GAP_AFTER,
     GAP_BEFORE,
     KIND_OF,
-    MAX_CANDIDATES,
     MAX_OCTAVE,
     MAX_QUANTISED,
+    MAX_TRACK_SPAN,
     MOVING,
     NEIGHBOUR_CONTEXTS,
     NUM_CHANNELS,
     NUM_KINDS,
     OCTAVE_CONTEXTS,
+    SPAN_BITS,
     STATE,
     TRACK,
     TRACK_BITS,
@@ -62,10 +62,10 @@ def _code_headers(coder, headers, n, num_frames, first_new):
     """
     first = code_raw(coder, headers[0, TRACK], TRACK_BITS)
     gap_before = code_escape(coder, headers[0, GAP_BEFORE])
-    count = code_raw(coder, headers[n - 1, TRACK] + 1 - first, CANDIDATE_BITS)
+    count = code_raw(coder, headers[n - 1, TRACK] + 1 - first, SPAN_BITS)
     gap_after = code_escape(coder, headers[n - 1, GAP_AFTER])
     num_headers, previous_absent, recent_states, previous_end = 0, 0, 0, first - gap_before
-    for track in range(first, first + min(count, MAX_CANDIDATES)):
+    for track in range(first, first + min(count, MAX_TRACK_SPAN)):
         is_present = not coder.decoding and headers[num_headers, TRACK] == track
         previous_absent = code_bit(coder, C_ABSENT + previous_absent, 0 if is_present else 1)
         if previous_absent:

@@ -4,7 +4,7 @@ from typing import no_type_check
 
 import numpy as np
 
-from splatwire.codec.sequence.layout import MAX_CANDIDATES, NUM_NEIGHBOURS
+from splatwire.codec.sequence.layout import MAX_TRACK_SPAN, NUM_NEIGHBOURS
 from splatwire.ops.compiled import njit
 
 LANES = 2 * NUM_NEIGHBOURS
@@ -141,4 +141,4 @@ def nearest(
 
 
 assert NUM_NEIGHBOURS == 8, "`_smallest_candidates` names each of them"
-assert MAX_CANDIDATES < 1 << _INDEX_BITS, "indices of a packet's tracks fit the low bits"
+assert MAX_TRACK_SPAN < 1 << _INDEX_BITS, "indices of a packet's tracks fit the low bits"

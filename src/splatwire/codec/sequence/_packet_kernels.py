@@ -9,7 +9,7 @@ from splatwire.codec.sequence._motion_kernels import code_motion
 from splatwire.codec.sequence._predict_kernels import pack_coefficients, predict_from_neighbours
 from splatwire.codec.sequence.layout import (
     KIND_OF,
-    MAX_CANDIDATES,
+    MAX_TRACK_SPAN,
     MOVING,
     NUM_CHANNELS,
     NUM_CONTEXTS,
@@ -149,7 +149,7 @@ def _encode_packet(
 @njit(error_model="numpy")
 @no_type_check
 def _max_tracks(headers, begin, n):
-    """Returns the largest number of tracks in a packet for which the track indices span less than `MAX_CANDIDATES`.
+    """Returns the largest number of tracks in a packet for which the track indices span less than `MAX_TRACK_SPAN`.
 
     Args:
         headers: Motion headers of the tracks, ascending by track index.
@@ -159,7 +159,7 @@ def _max_tracks(headers, begin, n):
     Returns:
         Maximum number of tracks, at most `n`.
     """
-    while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_CANDIDATES:
+    while n > 1 and headers[begin + n - 1, TRACK] - headers[begin, TRACK] >= MAX_TRACK_SPAN:
         n -= 1
     return n
 

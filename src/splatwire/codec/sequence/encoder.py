@@ -97,8 +97,10 @@ class TracksEncoder:
         self.importance: dict[PacketId, float] = {}
         self._costs = np.zeros(0)
 
-    def add_frames(self, keys: np.ndarray, trajectories: Trajectories, end: int) -> None:
-        """Starts to fit the motion of the next group before all frames of the group are available, for lower latency.
+    def fit_early(self, keys: np.ndarray, trajectories: Trajectories, end: int) -> None:
+        """Fits the motion of the next group to its frames so far, in advance, so that `add` returns sooner.
+
+        Optional: `add` fits whatever is missing. Without effect in the first group.
 
         Args:
             keys: Keys (identifiers) of the group's tracks so far, see `TrackGroup`.

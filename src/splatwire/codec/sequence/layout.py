@@ -24,11 +24,12 @@ track; and, only for the last track of a group, number of absent track numbers j
 STILL, MOVING = 0, 1
 
 MAX_GROUP_FRAMES = 64
-MAX_CANDIDATES = 4096
+MAX_TRACK_SPAN = 4096
 """Maximum range of track numbers in a packet (last minus first plus one), which limits the time to search for
 neighbours.
 """
-CANDIDATE_BITS, TRACK_BITS = np.int64(13), np.int64(28)
+SPAN_BITS, TRACK_BITS = np.int64(13), np.int64(28)
+"""Number of bits of the range of track numbers, and of the first track number, in a packet."""
 
 NUM_NEIGHBOURS = 8
 WEIGHT_BITS = 12

@@ -20,7 +20,8 @@ takes two or three bytes, so the section adds about one byte per 200.
 class Lifetimes:
     """Lifetimes of tracks (Gaussians over time), stored as exceptions: tracks that begin late or end early.
 
-    All other tracks exist from the first frame of their group to the end of the sequence.
+    All other tracks are treated as if they existed from the first frame of their group to the end of the sequence: an
+    encoder may leave out those that are hardly visible.
 
     Attributes:
         begin_tracks: Indices of tracks that begin after the first frame of their group, ascending, int64 (m).

@@ -1,4 +1,4 @@
-"""Format detection of explicit Gaussians, and selection of the reader or writer."""
+"""Selection of the reader or writer of explicit Gaussians, by detected format or suffix."""
 
 import importlib
 import logging

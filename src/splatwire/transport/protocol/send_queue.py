@@ -195,6 +195,7 @@ class SendQueue:
         self._stream = stream
         added = stream.added_datagrams(num_packets_before, reliable=reliable)
         remaining = stream.still_useful(self._schedule.datagrams[self._next :]) if num_packets_before else []
+        # Three times: without the welcome, a client cannot place the init segment and most of the new packets.
         datagrams = (WELCOME_ITEM, *added.init_segment, WELCOME_ITEM, *remaining, WELCOME_ITEM, *added.packets)
         if stream.tiles is None:
             end = 1 + len(added.init_segment) if added.init_segment else 0

@@ -68,7 +68,7 @@ REQUEST_TIMEOUT_S = 10.0
 
 
 class QuicServer(SocketServer):
-    """QUIC server of streams on one UDP socket; runs until `close`. Requires a running event loop.
+    """QUIC server of streams on one UDP port; runs until `close`. Requires a running event loop.
 
     Args:
         streams: Prepared streams by name; a client that requests no name gets the first.

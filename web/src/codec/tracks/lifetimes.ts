@@ -4,7 +4,7 @@ import { BitstreamError, ByteReader } from "../../bytes.ts";
 import { LIFETIMES } from "../../packets/section_names.ts";
 import type { GroupCounts, Timeline } from "./timeline.ts";
 
-/** Lifetimes by track. Other tracks begin with their birth group and do not end. */
+/** Lifetimes by track. Other tracks are treated as if they began with their birth group and did not end. */
 export interface Lifetimes {
   /** First frame, relative to the group that the track is born in. */
   readonly begins: ReadonlyMap<number, number>;

@@ -10,21 +10,21 @@ import {
   C_MOVING,
   C_OCTAVE,
   C_ZERO,
-  CANDIDATE_BITS,
   DEGREE_CONTEXTS,
   ENDS,
   GAP_AFTER,
   GAP_BEFORE,
   HEADER_FIELDS,
   KIND_OF,
-  MAX_CANDIDATES,
   MAX_OCTAVE,
   MAX_QUANTISED,
+  MAX_TRACK_SPAN,
   MOVING,
   NEIGHBOUR_CONTEXTS,
   NUM_CHANNELS,
   NUM_KINDS,
   OCTAVE_CONTEXTS,
+  SPAN_BITS,
   STATE,
   TRACK,
   TRACK_BITS,
@@ -72,13 +72,13 @@ function readHeaders(
 ): number {
   const first = coder.raw(TRACK_BITS),
     gapBefore = Math.min(coder.gamma(), 1 << 24),
-    numCandidates = coder.raw(CANDIDATE_BITS),
+    trackSpan = coder.raw(SPAN_BITS),
     gapAfter = Math.min(coder.gamma(), 1 << 24);
   let numFound = 0,
     gone = 0,
     lastStates = 0,
     before = first - gapBefore;
-  for (let track = first; track < first + Math.min(numCandidates, MAX_CANDIDATES); track++) {
+  for (let track = first; track < first + Math.min(trackSpan, MAX_TRACK_SPAN); track++) {
     gone = coder.bit(models, C_ABSENT + gone);
     if (gone) continue;
     if (numFound === count) break;

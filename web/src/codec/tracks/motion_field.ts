@@ -39,7 +39,7 @@ export class MotionField {
    * to their positions; null means 0.
    */
   constructor(
-    readonly arrived: TrackOffsets,
+    readonly received: TrackOffsets,
     readonly observedRows: Int32Array,
     readonly referenceOffsets: Float32Array | null,
     readonly trackProperties: TrackProperties,
@@ -51,11 +51,11 @@ export class MotionField {
     for (let n = 0; n < observedRows.length; n++)
       for (let a = 0; a < 3; a++)
         points[3 * n + a] =
-          means[3 * arrived.arrivalIndices[observedRows[n]] + a] +
+          means[3 * received.arrivalIndices[observedRows[n]] + a] +
           (referenceOffsets ? referenceOffsets[n * NUM_CHANNELS + a] : 0);
     this.#tree = new KdTree(points, count);
     this.#fit = new Quadratic(count);
-    this.#currentSums = new NeighbourSums(frames, count, arrived.offsets, referenceOffsets);
+    this.#currentSums = new NeighbourSums(frames, count, received.offsets, referenceOffsets);
     this.#previousSums = new NeighbourSums(1, count, trackProperties.lastOffsets, null);
     this.#changedKinds = new Uint8Array(observedRows.length).fill(UNKNOWN);
     this.#previousKinds = new Uint8Array(observedRows.length);
@@ -73,14 +73,14 @@ export class MotionField {
   /** Determines the kinds of an observed row when it is a neighbour for the first time. */
   #findKinds(n: number): void {
     if (this.#changedKinds[n] !== UNKNOWN) return;
-    const { arrived, referenceOffsets, trackProperties, frames } = this,
+    const { received, referenceOffsets, trackProperties, frames } = this,
       row = this.observedRows[n],
       size = frames * NUM_CHANNELS,
-      last = arrived.arrivalIndices[row] * NUM_CHANNELS,
+      last = received.arrivalIndices[row] * NUM_CHANNELS,
       kindsOfReference = referenceOffsets
         ? changedKinds(referenceOffsets, n * NUM_CHANNELS, (n + 1) * NUM_CHANNELS)
         : 0;
-    this.#changedKinds[n] = changedKinds(arrived.offsets, row * size, (row + 1) * size) | kindsOfReference;
+    this.#changedKinds[n] = changedKinds(received.offsets, row * size, (row + 1) * size) | kindsOfReference;
     this.#previousKinds[n] = changedKinds(trackProperties.lastOffsets, last, last + NUM_CHANNELS);
   }
 
@@ -120,7 +120,7 @@ export class MotionField {
    * channels that change.
    */
   #queryNeighbours(arrivalIndex: number, moved: number): number {
-    const { observedRows, arrived } = this,
+    const { observedRows, received } = this,
       { points } = this.#tree,
       { splats, lastOffsets } = this.trackProperties,
       { means } = splats,
@@ -139,7 +139,7 @@ export class MotionField {
       rows[i] = row;
       referenceRows[i] = n;
       kinds[i] = this.#changedKinds[n];
-      previous.rows[i] = arrived.arrivalIndices[row];
+      previous.rows[i] = received.arrivalIndices[row];
       previous.kinds[i] = this.#previousKinds[n];
     }
     return unionOf(kinds);

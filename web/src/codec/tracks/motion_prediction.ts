@@ -19,7 +19,7 @@ export class LostMotionPredictor {
    * born in, by arrival index.
    */
   constructor(
-    readonly arrived: TrackOffsets,
+    readonly received: TrackOffsets,
     readonly completeRows: Int32Array,
     readonly birthGroups: Int32Array,
     readonly trackProperties: TrackProperties,
@@ -32,8 +32,8 @@ export class LostMotionPredictor {
    * ones are predicted from these, because offsets of others refer to another time.
    */
   predict(leftOut: Uint8Array, lostTracks: Int32Array): Float32Array {
-    const { arrived, trackProperties, frames, birthGroups } = this,
-      { arrivalIndices } = arrived,
+    const { received, trackProperties, frames, birthGroups } = this,
+      { arrivalIndices } = received,
       out = new Float32Array(frames * NUM_CHANNELS * lostTracks.length),
       observedRows = this.completeRows.filter((row) => !leftOut[row]),
       birth = mostFrequent(observedRows.map((row) => birthGroups[arrivalIndices[row]])),
@@ -56,7 +56,7 @@ export class LostMotionPredictor {
         else field.addChanges(lostTracks[n], own);
       }
     }
-    if (observedRows.length) fadeIn(arrived, lostTracks, trackProperties, frames, out);
+    if (observedRows.length) fadeIn(received, lostTracks, trackProperties, frames, out);
     return out;
   }
 
@@ -65,15 +65,15 @@ export class LostMotionPredictor {
    * `leftOut`.
    */
   #field(kind: string, sources: Int32Array, birth: number, leftOut: Uint8Array): MotionField {
-    const { arrived, trackProperties, frames } = this,
+    const { received, trackProperties, frames } = this,
       make = (rows: Int32Array) => {
-        const references = referenceOffsetsOf(kind, arrived, rows, trackProperties, frames);
-        return new MotionField(arrived, rows, references, trackProperties, frames);
+        const references = referenceOffsetsOf(kind, received, rows, trackProperties, frames);
+        return new MotionField(received, rows, references, trackProperties, frames);
       };
     if (sources.length < NEIGHBOURS) return make(sources);
     const name = `${kind} ${birth}`,
       all = this.completeRows.filter(
-        (row) => kind !== "peers" || this.birthGroups[arrived.arrivalIndices[row]] === birth,
+        (row) => kind !== "peers" || this.birthGroups[received.arrivalIndices[row]] === birth,
       ),
       field = this.#fields.get(name) ?? make(all);
     this.#fields.set(name, field);
@@ -107,7 +107,7 @@ export function repeatLastOffset(
  */
 function referenceOffsetsOf(
   kind: string,
-  arrived: TrackOffsets,
+  received: TrackOffsets,
   observedRows: Int32Array,
   trackProperties: TrackProperties,
   frames: number,
@@ -116,7 +116,7 @@ function referenceOffsetsOf(
   const found = new Float32Array(observedRows.length * NUM_CHANNELS);
   observedRows.forEach((row, n) => {
     const [values, at] =
-      kind === "new" ? [arrived.offsets, row * frames] : [trackProperties.lastOffsets, arrived.arrivalIndices[row]];
+      kind === "new" ? [received.offsets, row * frames] : [trackProperties.lastOffsets, received.arrivalIndices[row]];
     found.set(values.subarray(at * NUM_CHANNELS, (at + 1) * NUM_CHANNELS), n * NUM_CHANNELS);
   });
   return found;
@@ -127,13 +127,13 @@ function referenceOffsetsOf(
  * each frame.
  */
 function fadeIn(
-  arrived: TrackOffsets,
+  received: TrackOffsets,
   lostTracks: Int32Array,
   { hasUnknownBirth }: TrackProperties,
   frames: number,
   out: Float32Array,
 ): void {
-  const begins = arrived.begins.filter((_, n) => hasUnknownBirth(arrived.arrivalIndices[n]));
+  const begins = received.begins.filter((_, n) => hasUnknownBirth(received.arrivalIndices[n]));
   if (!begins.length) return;
   const some = Int32Array.from(lostTracks.keys()).filter((n) => hasUnknownBirth(lostTracks[n]));
   for (let frame = 0; frame < frames; frame++) {

@@ -37,10 +37,10 @@ type Lifetime = (arrivalIndex: number) => readonly [number, number];
 
 /**
  * Chooses for each track the method with the lowest error on the nearby received tracks. `lostTracks` are
- * arrival indices. `order` lists the rows of `arrived` by ascending track.
+ * arrival indices. `order` lists the rows of `received` by ascending track.
  */
 export function select(
-  arrived: TrackOffsets,
+  received: TrackOffsets,
   order: Int32Array,
   lostTracks: Int32Array,
   frames: number,
@@ -52,14 +52,14 @@ export function select(
     stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
     tested = order.filter((_, n) => n % stride === 0);
   const folds = Math.ceil(MAX_SHARE / stride),
-    errors = testErrors(arrived, order, tested, folds, frames, trackProperties, interpolate, lifetime),
+    errors = testErrors(received, order, tested, folds, frames, trackProperties, interpolate, lifetime),
     { isNew, lastOffsets, splats } = trackProperties,
     lastPlace = (arrivalIndex: number) => moved(splats, arrivalIndex, lastOffsets, arrivalIndex);
   // the first frame of a new track is known, so that its motion is estimated better
   for (const isNewTrack of [true, false]) {
-    const peers = [...tested.keys()].filter((n) => isNew(arrived.arrivalIndices[tested[n]]) === isNewTrack);
+    const peers = [...tested.keys()].filter((n) => isNew(received.arrivalIndices[tested[n]]) === isNewTrack);
     if (peers.length < MIN_TESTS) continue;
-    const arrivalIndices = Int32Array.from(peers, (n) => arrived.arrivalIndices[tested[n]]),
+    const arrivalIndices = Int32Array.from(peers, (n) => received.arrivalIndices[tested[n]]),
       tree = new KdTree(
         positionsOf(splats, arrivalIndices, lastOffsets, (n) => arrivalIndices[n]),
         MIN_TESTS,
@@ -80,7 +80,7 @@ export function select(
  * is treated as lost at the same time.
  */
 function testErrors(
-  arrived: TrackOffsets,
+  received: TrackOffsets,
   order: Int32Array,
   tested: Int32Array,
   folds: number,
@@ -89,7 +89,7 @@ function testErrors(
   interpolate: Interpolate,
   lifetime: Lifetime,
 ): Float64Array {
-  const { arrivalIndices, begins, ends, offsets } = arrived,
+  const { arrivalIndices, begins, ends, offsets } = received,
     { splats, lastOffsets } = trackProperties,
     errors = new Float64Array(NUM_METHODS * tested.length),
     foldOf = new Int8Array(arrivalIndices.length).fill(-1);

@@ -5,16 +5,16 @@ import { test } from "node:test";
 
 import { newStatus } from "../src/page/events.ts";
 import type { Panel } from "../src/page/panel.ts";
-import { SessionStatus } from "../src/page/session_status.ts";
+import { TransferStatus } from "../src/page/transfer_status.ts";
 
 const DRAWING = "The scene cannot be drawn.";
 
 /** Returns a transfer, its messages and the names of its events. */
-function transfer(): { session: SessionStatus; messages: string[]; events: string[] } {
+function transfer(): { session: TransferStatus; messages: string[]; events: string[] } {
   const messages: string[] = [],
     events: string[] = [],
     panel = { setMessage: (text: string) => messages.push(text), showNotice: () => {} } as unknown as Panel;
-  return { session: new SessionStatus(newStatus(), panel, (name) => events.push(name)), messages, events };
+  return { session: new TransferStatus(newStatus(), panel, (name) => events.push(name)), messages, events };
 }
 
 test("an error that is over is withdrawn", () => {

@@ -3,7 +3,7 @@
 import type { Dispatch, Status } from "./events.ts";
 import type { Panel } from "./panel.ts";
 
-export class SessionStatus {
+export class TransferStatus {
   #disconnects = 0;
   /** Error before the present one, which may be withdrawn. */
   #earlierError: string | null = null;
