@@ -85,7 +85,7 @@ VERBS = {
     "live": Verb(
         "live",
         "Live",
-        "Encode frames as they appear, and serve them at the same time, until Ctrl-C or, with -, the end of standard input.",
+        "Encode frames as they appear, and serve them at once; stops at Ctrl-C or, with -, when standard input ends.",
     ),
     "receive": Verb(
         "receive",

@@ -19,8 +19,8 @@ class Encode:
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if the name ends in .swz (or is -), otherwise a folder of packets."""
     preset: str | None = None
-    """Packetization preset: spread (lanes over blocks as large as possible), paper, datagram or hacpp. Default: spread for
-    anchors; paper for Gaussians, and if --block-size or --lanes is given."""
+    """Packetization preset: spread (lanes over blocks as large as possible), paper, datagram or hacpp. Default: spread
+    for anchors; paper for Gaussians, and if --block-size or --lanes is given."""
     block_size: int | None = None
     """Maximum number of elements in a spatial block."""
     lanes: int | None = None

@@ -10,7 +10,7 @@ from splatwire.cli._options import Listening
 
 @dataclass(frozen=True)
 class Live(Listening):
-    """Encode frames as they appear, and serve them at the same time, until Ctrl-C or, with -, the end of standard input."""
+    """Encode frames as they appear, and serve them at once; stops at Ctrl-C or, with -, when standard input ends."""
 
     frames: tyro.conf.Positional[str]
     """Folder into which another program writes one file per frame, with names in order of time; or - to read the names

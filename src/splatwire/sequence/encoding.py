@@ -274,7 +274,7 @@ class SequenceEncoder:
             return self._group_builder.group()
         # The analysis of the motion runs in parallel with the extrapolation of partial tracks.
         with ThreadPoolExecutor(1) as pool:
-            analysis = pool.submit(self._tracks_encoder.add_frames, *self._group_builder.tracks_so_far())
+            analysis = pool.submit(self._tracks_encoder.fit_early, *self._group_builder.tracks_so_far())
             group = self._group_builder.group()
             analysis.result()
         return group

@@ -26,7 +26,7 @@ MAX_UDP_BYTES = 1232
 """
 MAX_DATAGRAM_FRAME = 1 << 16
 WINDOW_BYTES = 4 << 20
-"""Maximum number of bytes in flight per connection; also the flow-control window of clients for the server's streams."""
+"""Maximum number of bytes in flight per connection; also the flow-control window of clients for a server's data."""
 MAX_UNREAD_BYTES = 1 << 16
 """Maximum number of bytes, over all streams and the handshake of a client, that are buffered because earlier bytes are
 missing.
