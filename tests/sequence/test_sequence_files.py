@@ -178,7 +178,7 @@ def scaled_clip(factor):
 
 @needs_splat4d
 def test_positions_of_small_scenes_in_splat4d_are_as_precise_as_their_gaussians(tmp_path):
-    for factor in np.float32([0.1, 0.001]):
+    for factor in (np.float32(0.1), np.float32(0.001)):
         write(scaled_clip(factor), tmp_path / "a.splat4d")
         for frame, expected in zip(open_sequence(tmp_path / "a.splat4d").read(), scaled_clip(factor), strict=True):
             found = frame.splats.select(nearest(frame.splats, expected.splats))
