@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from splatwire.anchors.appearance import metadata_of, origin_of
 from splatwire.cli._files import prepared_output, refuse_own_input
 from splatwire.cli._output import print_json, print_summary, refuse_options
 from splatwire.cli._scenes import chosen_background
@@ -79,7 +78,7 @@ def run(command: Train) -> None:
         result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)
     if result.stopped:
         raise stopped_early(result.state.iteration, config.milestones.iterations)
-    save_scene(_with_metadata_of_start(command, result.scene), output)
+    save_scene(result.scene, output)
     _report(command, result, config)
 
 
@@ -137,14 +136,6 @@ def _continued_training(
         f"continuing {command.init} for {iterations:,} iterations with recipe {config.preset}{details}", file=sys.stderr
     )
     return state_of_scene(scene, train, config), config, train, test
-
-
-def _with_metadata_of_start(command: Train, scene: Any) -> Any:
-    """Returns a trained scene with the metadata of the finished scene that the training continued, if there is one."""
-    start = None if command.init is None else open_scene(command.init)
-    if start is None or model_of(start) is None:
-        return scene
-    return dataclasses.replace(scene, metadata=metadata_of(start).moved_origin(origin_of(start), scene.origin))
 
 
 def _check(command: Train) -> str:

@@ -10,10 +10,12 @@ from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, UnsupportedVersionError
 from splatwire.neural.training.checkpoint import load_checkpoint, save_checkpoint
 from splatwire.neural.training.config import PacketLossConfig, TrainConfig
+from splatwire.neural.training.export import export_scene
 from splatwire.neural.training.initial import initial_state
 from splatwire.neural.training.photos import PhotoStore
 from splatwire.neural.training.state import TrainState
 from splatwire.neural.training.step import TrainingStep
+from splatwire.types.metadata import SceneMetadata, StartView
 
 pytestmark = pytest.mark.slow
 
@@ -76,6 +78,18 @@ def test_resumed_run_equals_an_uninterrupted_run(
         assert torch.equal(value, found[name]), name
     steps = {name: moments.steps for name, moments in straight.moments.items()}
     assert steps == {name: moments.steps for name, moments in resumed.moments.items()}
+
+
+def test_metadata_of_a_finished_scene_survive_a_checkpoint(
+    dataset: Dataset, config: TrainConfig, tmp_path: Path
+) -> None:
+    metadata = SceneMetadata(
+        "Garden", author="Ada", license="CC0", view=StartView((1.0, 2.0, 3.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    )
+    state = dataclasses.replace(initial_state(dataset, config), metadata=metadata)
+    save_checkpoint(state, config, tmp_path / "run.checkpoint")
+    resumed, recipe = load_checkpoint(tmp_path / "run.checkpoint")
+    assert export_scene(resumed, recipe).metadata == metadata
 
 
 def test_a_failed_save_leaves_the_old_checkpoint(

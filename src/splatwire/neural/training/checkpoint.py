@@ -20,6 +20,7 @@ from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.config import STORED_NAME, TrainConfig
 from splatwire.neural.training.initial import parameter_shapes
 from splatwire.neural.training.state import GrowthStatistics, Moments, SizeController, TrainState
+from splatwire.types.metadata import metadata_from_json, metadata_to_json
 from splatwire.types.origin import NO_ORIGIN, check_origin
 
 FORMAT = "splatwire-checkpoint"
@@ -60,6 +61,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "camera_extent": state.camera_extent.hex(),
         "queue": state.view_queue,
         "origin": state.origin,
+        "metadata": metadata_to_json(state.metadata),
         "steering": _controller_to_list(state.size_controller),
         "steps": {_stored(name): moments.steps for name, moments in state.moments.items()},
         "means": sorted(map(_stored, state.parameter_means)),
@@ -129,6 +131,7 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         generator=generator,
         view_queue=[int(view) for view in header["queue"]],
         origin=check_origin(header.get("origin", NO_ORIGIN)),  # earlier releases trained in world coordinates
+        metadata=metadata_from_json(header.get("metadata")),
         size_controller=_controller(header["steering"]),
         parameter_means=_by_current_name(
             {name: checked_tensor(tensors, f"mean.{name}", stored_shapes[name]) for name in header["means"]}

@@ -52,7 +52,9 @@ def export_scene(state: TrainState, config: TrainConfig, device: torch.device | 
     )
     heads = GaussianHeads(*(copied_mlp(mlp) for mlp in vars(networks.heads).values()))
     coding = _causal(state, config.causal) if isinstance(config.model, CausalConfig) else _hacpp(state, config.hacpp)
-    return to_arrays(AnchorScene(anchors, heads, coding, background=config.background, origin=state.origin))
+    return to_arrays(
+        AnchorScene(anchors, heads, coding, background=config.background, origin=state.origin, metadata=state.metadata)
+    )
 
 
 def _causal(state: TrainState, model_config: CausalConfig) -> CausalCoding:

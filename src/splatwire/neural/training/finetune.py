@@ -112,6 +112,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
         camera_extent=camera_extent(dataset.cameras),
         generator=torch.Generator().manual_seed(config.seed),
         origin=scene.origin,
+        metadata=scene.metadata,
     )
 
 

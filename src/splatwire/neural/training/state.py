@@ -10,6 +10,7 @@ from torch import Tensor
 
 from splatwire.neural.training.config import LossWeights
 from splatwire.types import GaussianHeads, Linear, Mlp
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin
 
 ANCHOR_PARAMETERS = ("features", "log_scalings", "offsets", "mask_logits")
@@ -133,6 +134,7 @@ class TrainState:
         generator: Source of all random numbers, on the CPU.
         view_queue: Indices of the training views not yet used in the current round over all views.
         origin: World coordinates that the anchors are relative to.
+        metadata: Metadata of the finished scene that is trained further; empty for a new scene.
         size_controller: State of the size controller.
         parameter_means: Running means of the trained tensors by name; empty until averaging starts.
         networks: The networks made of the tensors of `parameters`.
@@ -155,6 +157,7 @@ class TrainState:
     generator: torch.Generator
     view_queue: list[int] = field(default_factory=list)
     origin: Origin = NO_ORIGIN
+    metadata: SceneMetadata = NO_METADATA
     size_controller: SizeController = SizeController()
     parameter_means: dict[str, Tensor] = field(default_factory=dict)
     networks: "Networks" = field(init=False, repr=False)
