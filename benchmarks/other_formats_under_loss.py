@@ -29,7 +29,7 @@ from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.concealment import conceal
 from splatwire.errors import SplatwireError
-from splatwire.io.formats import read_splats, read_world_rows, write_splats
+from splatwire.io.formats import read_splats, read_rows, write_splats
 from splatwire.metrics import psnr
 from splatwire.neural.importers.hacpp import import_hacpp
 from splatwire.ops.threads import use_single_thread
@@ -98,7 +98,7 @@ def psnr_if_readable(path: Path, gauge: Gauge) -> float | None:
 
 def psnr_of_rows(path: Path, kept: np.ndarray, gauge: Gauge) -> float | None:
     """PSNR of a complete file if only some rows are kept."""
-    splats, validity = read_world_rows(path)
+    splats, validity = read_rows(path)
     shown = validity.kept & kept
     return gauge.psnr(SplatScene(splats.select(shown))) if shown.any() else None
 

@@ -22,7 +22,7 @@ R = TypeVar("R")
 MAX_THREADS = 1024
 """Maximum number of threads that a function accepts."""
 _NUM_ITEMS = 1000
-"""Number of items of a wrong list whose types a message names."""
+"""Maximum number of items of a wrong list that are examined for the types in a message."""
 _VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 

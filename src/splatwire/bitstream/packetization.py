@@ -135,9 +135,8 @@ _PACKET_ELEMENTS, _MIN_LANES = 375, 8
 def spread_packetization(num_elements: int) -> Packetization:
     """Returns a packetization whose packets each contain elements from all over the scene.
 
-    Of more than 65,535 elements: from all over a block, of which there are as few as possible.
-
-    A lost packet then thins the scene out evenly instead of leaving a hole.
+    A lost packet then thins the scene out evenly instead of leaving a hole. More than 65,535 elements are divided into
+    blocks, as few as possible, and each packet contains elements from all over its block.
 
     Args:
         num_elements: Number of elements to encode.

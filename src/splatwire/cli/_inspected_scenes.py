@@ -7,7 +7,7 @@ from splatwire.anchors.appearance import metadata_of, origin_of, scene_of
 from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.files.kinds import trained_ply
 from splatwire.io import read_any_scene
-from splatwire.io.formats import find_format, read_rows, splats_kind
+from splatwire.io.formats import find_format, read_rows_with_origin, splats_kind
 from splatwire.types.metadata import SceneMetadata
 from splatwire.types.scene_digest import scene_digest
 from splatwire.types.splat_statistics import describe_gaussians
@@ -39,7 +39,7 @@ def describe_scene(path: Path) -> tuple[dict[str, Any], SceneMetadata]:
 
 def _describe_gaussians(path: Path, kind: str) -> tuple[dict[str, Any], SceneMetadata]:
     """Describes a file of explicit Gaussians for the output of `inspect`."""
-    content, validity = read_rows(path)
+    content, validity = read_rows_with_origin(path)
     splats = content.splats
     kept = splats if validity.all_drawable else splats.select(validity.kept)
     facts = {

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from splatwire.errors import DatasetError, UnknownNameError
 from splatwire.files.tensors import read_tensors
 from splatwire.metrics.lpips_files import find_lpips_files
+from splatwire.metrics.masks import image_pair
 from splatwire.ops.arrays import to_numpy
 
 MAX_WEIGHT_BYTES = 1 << 30
@@ -90,8 +91,11 @@ class Lpips:
             references: Reference pictures of the same views, RGB in [0, 1].
             scaled: True to scale images to [-1, 1], the range of the network's training. False to pass [0, 1], as 3DGS
                 does.
+
+        Raises:
+            InvalidValueError: If the pictures have different sizes, or values far outside [0, 1].
         """
-        pairs = zip(images, references, strict=True)  # one view at a time to bound memory
+        pairs = zip(*image_pair(images, references), strict=True)  # one view at a time to bound memory
         each = [self.distance(*(self.features(x[None], scaled=scaled) for x in pair)) for pair in pairs]
         return np.concatenate(each)
 

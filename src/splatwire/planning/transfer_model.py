@@ -8,6 +8,7 @@ import numpy as np
 from splatwire.arguments import CheckedFields, array_of, checked
 from splatwire.bitstream import SceneStream, send_sequence
 from splatwire.channel import LossModel
+from splatwire.channel.loss_models import draw_checked
 from splatwire.errors import InvalidValueError, shown, whole_number
 from splatwire.transport.fec import MAX_REPAIR, symbol_bytes_for
 from splatwire.transport.protocol.layout import ParityGroup, SourceBlocks, bundled_bytes, init_segment, parity_groups
@@ -230,4 +231,4 @@ def draw_losses(loss: LossModel, trials: int, num_datagrams: int, seed: int) -> 
     whole_number(trials, "trials", 1, MAX_MASK_ENTRIES)
     whole_number(num_datagrams, "num_datagrams", 1, MAX_MASK_ENTRIES // trials)
     rngs = (np.random.Generator(np.random.PCG64([seed, trial])) for trial in range(trials))
-    return np.stack([loss.received(num_datagrams, rng) for rng in rngs])
+    return np.stack([draw_checked(loss, num_datagrams, rng) for rng in rngs])

@@ -29,7 +29,7 @@ from splatwire.files.kinds import (
     opened,
 )
 from splatwire.files.names import path_of
-from splatwire.io.formats import format_of, read_rows, read_splatv
+from splatwire.io.formats import format_of, read_rows_with_origin, read_splatv
 from splatwire.io.formats.content import FileContent
 from splatwire.io.formats.splatv import MovingSplats
 from splatwire.reprs import summary_repr
@@ -264,7 +264,7 @@ def read_frames(files: list[Path]) -> Iterator[Frame]:
     """
     degree: int | None = None
     for path in files:
-        content, _ = read_rows(path)
+        content, _ = read_rows_with_origin(path)
         splats = content.splats
         if degree is None:
             degree = splats.degree

@@ -2,6 +2,6 @@
 
 from splatwire.lazy_names import lazy_names
 
-_RENAMED = {"ExpectedPlaces": "PredictedPositions"}
+_RENAMED = {"Coverage": "GrowStrength", "ExpectedPlaces": "PredictedPositions"}
 """Current name of each deprecated name."""
 __all__, __getattr__, __dir__ = lazy_names(__name__, __file__, _RENAMED)

@@ -8,9 +8,10 @@ import pytest
 from evaluation.masked_photos import write_photos
 from explicit import ball_of_gaussians
 from scenes import tiny_cameras, tiny_scene
+from splatwire.anchors.scene_file import save_partial
 from splatwire.bitstream import PRESETS, read_stream, write_stream
 from splatwire.channel import transmit
-from splatwire.codec import encode_scene, with_section
+from splatwire.codec import decode_stream, encode_scene, with_section
 from splatwire.errors import SplatwireError
 from splatwire.evaluation.study import InProcess, SceneEntry, Store, Study, measure_study_sizes, run_study
 from splatwire.evaluation.study.definition import Decoded, Loss, Row
@@ -126,6 +127,36 @@ def test_results_of_other_codecs_that_are_no_scenes_are_refused_before_the_work(
     row = Row("x", "x", None, lossless=True, decoded=(Decoded("made up", tmp_path / "notes.txt"),))
     with pytest.raises(SplatwireError, match=r"notes\.txt"):
         check_scenes(dataclasses.replace(study, rows=(COMPLETE, row)), Store(tmp_path / "store"))
+
+
+def test_a_scene_file_with_losses_is_refused_if_a_row_packs_it(study, lossy, tmp_path):
+    save_partial(decode_stream(read_stream(lossy)[0]), tmp_path / "gaps.scene")
+    entry = dataclasses.replace(study.scenes[0], source=tmp_path / "gaps.scene", kind="scene")
+    packed = Row("packed", "packed", PRESETS["paper"])
+    check_scenes(dataclasses.replace(study, scenes=(entry,)), Store(tmp_path / "store"), views=False)
+    with pytest.raises(SplatwireError, match=r"gaps\.scene"):
+        check_scenes(dataclasses.replace(study, scenes=(entry,), rows=(COMPLETE, packed)), Store(tmp_path / "store"))
+
+
+def test_a_row_without_packetization_keeps_its_sections(study, tmp_path):
+    tiers = np.arange(180) % 2
+    stream = encode_scene(tiny_scene(seed=5, num_anchors=180), PRESETS["paper"], tiers=tiers)
+    write_stream(with_section(stream, "more", b"content"), tmp_path / "tiers.swz")
+    entry = dataclasses.replace(study.scenes[0], source=tmp_path / "tiers.swz")
+    rows = (COMPLETE, Row("more", "more", None, sections=("more",)))
+    result = run_study(
+        dataclasses.replace(study, scenes=(entry,), rows=rows), Store(tmp_path / "store"), InProcess(), silent
+    )
+    assert {record["row"] for record in result.merged()} == {"complete", "more"}
+
+
+def test_sizes_of_a_row_whose_sections_cannot_be_kept_are_left_out_with_a_warning(study, tmp_path, caplog):
+    stream = encode_scene(tiny_scene(seed=5, num_anchors=180), PRESETS["paper"], tiers=np.arange(180) % 2)
+    write_stream(with_section(stream, "more", b"content"), tmp_path / "tiers.swz")
+    entry = dataclasses.replace(study.scenes[0], source=tmp_path / "tiers.swz")
+    rows = (COMPLETE, Row("more", "more", PRESETS["paper"], sections=("more",)))
+    measure_study_sizes(dataclasses.replace(study, scenes=(entry,), rows=rows), Store(tmp_path / "store"), silent)
+    assert "row 'more' is left out" in caplog.text
 
 
 def test_a_row_whose_sections_cannot_be_kept_is_skipped_with_a_reason(study, tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from close import assert_close
 from splat_io.formats.handmade import glb, ksplat, legacy_spz, modern_spz, some_splats, write
 from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
-from splatwire.io.formats import read_splats, read_world_rows, splats_kind, write_splats
+from splatwire.io.formats import read_rows, read_splats, splats_kind, write_splats
 from splatwire.io.formats._axes import GLTF_FLIPS, SPZ_FLIPS, flip_axes
 from splatwire.io.formats._codebooks import nearest_number, number_codebook, vector_palette
 from splatwire.io.formats.spz_writer import write_spz
@@ -104,7 +104,7 @@ def _covariances(splats: Splats) -> np.ndarray:
 @pytest.mark.parametrize("version", [2, 3])
 def test_handmade_spz_is_read(version: int, tmp_path: Path) -> None:
     """Values follow from the specification; right, up and back become right, down and forward."""
-    splats, _ = read_world_rows(write(tmp_path / "a", legacy_spz(version)))
+    splats, _ = read_rows(write(tmp_path / "a", legacy_spz(version)))
     assert splats.means.tolist() == [[1, -2, -3], [-1, 2, 3]]
     assert splats.opacities.tolist() == [1, 0]
     assert np.log(splats.scales).tolist()[0] == pytest.approx([-1, -1, -1])

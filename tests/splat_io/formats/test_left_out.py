@@ -13,7 +13,7 @@ from close import assert_close
 from splat_io.formats.handmade import glb, ksplat, legacy_spz, some_splats, write
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.errors import DatasetError, InvalidValueError
-from splatwire.io.formats import read_splats, read_world_rows, write_splats
+from splatwire.io.formats import read_rows, read_splats, write_splats
 from splatwire.render import render_scene
 from splatwire.render.importance import surrounding_cameras
 from splatwire.types import SplatScene
@@ -200,7 +200,7 @@ FILES: dict[str, tuple[Callable[[Path], Path], int, int, int]] = {
 def test_every_format_leaves_out_the_same_gaussians(end: str, tmp_path: Path) -> None:
     make, kept, invisible, invalid = FILES[end]
     path = make(tmp_path / f"a{end}")
-    every, validity = read_world_rows(path)
+    every, validity = read_rows(path)
     assert (int(validity.kept.sum()), validity.num_invisible, validity.num_invalid) == (kept, invisible, invalid)
     splats = read_splats(path)
     assert splats.num_gaussians == kept

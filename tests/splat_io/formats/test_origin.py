@@ -9,7 +9,7 @@ import pytest
 
 from splat_io.formats.handmade import ply, some_splats
 from splatwire.errors import DatasetError
-from splatwire.io.formats import read_content, read_splats, read_world_rows, write_splats
+from splatwire.io.formats import read_content, read_rows, read_splats, write_splats
 from splatwire.io.formats._asset import origin_of_asset
 from splatwire.io.formats.ply_file import read_ply_elements
 from splatwire.types.metadata import SceneMetadata, StartView
@@ -197,7 +197,7 @@ def test_readers_return_world_coordinates_on_request(tmp_path: Path) -> None:
     splats = some_splats(300, 0)
     write_splats([splats], tmp_path / "a.ply", origin=UTM)
     expected = splats.means.astype(np.float64) + np.array(UTM, np.float64)
-    for found in (read_splats(tmp_path / "a.ply"), read_world_rows(tmp_path / "a.ply")[0]):
+    for found in (read_splats(tmp_path / "a.ply"), read_rows(tmp_path / "a.ply")[0]):
         assert np.array_equal(found.means, expected.astype(np.float32))
 
 

@@ -18,7 +18,7 @@ from random_numbers import Numbers
 from splat_io.formats.handmade import legacy_spz, modern_spz, ply, some_splats, write
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.files.mmap_array import LARGE_BYTES, large_empty
-from splatwire.io.formats import read_splats, read_world_rows, write_splats
+from splatwire.io.formats import read_rows, read_splats, write_splats
 from splatwire.io.formats._axes import flip_axes
 from splatwire.io.formats._files import FileBytes
 from splatwire.io.formats.spz_writer import write_spz
@@ -48,7 +48,7 @@ def extended(data: bytes, *records: tuple[int, bytes]) -> bytes:
 
 def every_row(path: Path) -> Splats:
     """All Gaussians of a file, including those without opacity."""
-    return read_world_rows(path)[0]
+    return read_rows(path)[0]
 
 
 def covariances(splats: Splats) -> np.ndarray:

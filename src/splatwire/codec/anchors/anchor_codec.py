@@ -131,7 +131,7 @@ def scene_in_order(scene: AnchorScene, order: str) -> AnchorScene:
         order: `morton` (Z-order) or `raster` (by z, then y, then x).
 
     Raises:
-        InvalidValueError: If no anchor is drawable.
+        InvalidValueError: If no anchor is drawable, or the drawable anchors span too many voxels (`coding_order`).
     """
     return scene.select(coding_order(scene, order))
 
@@ -147,7 +147,8 @@ def coding_order(scene: AnchorScene, order: str) -> Int64[np.ndarray, "n"]:
         Entry i is the index in `scene` of the i-th anchor in coding order, int64 (n).
 
     Raises:
-        InvalidValueError: If no anchor is drawable, or the drawable anchors span 2**21 voxels or more along an axis.
+        InvalidValueError: If no anchor is drawable, or the drawable anchors span more than 2**21 voxels along an axis,
+            from a corner that is rounded down to `CORNER_ALIGNMENT` voxels.
     """
     drawable = np.flatnonzero(scene.drawable)
     if not len(drawable):

@@ -93,7 +93,8 @@ class PreparedScene:
         absent = [name for name in row.sections if name not in self.sections]
         if absent:
             return f"it has no section '{absent[0]}' (splatwire calibrate adds it)"
-        if row.sections and not self.keeps_sections and not self.references.frames:
+        is_repacked = row.packetization is not None and not self.references.frames
+        if row.sections and is_repacked and not self.keeps_sections:
             return "its sections cannot be kept in other packets (encode without --tiers, and with this release)"
         if row.decoded and row.variant not in self.streams:
             return "no result of this codec is given"
@@ -206,8 +207,8 @@ def check_scenes(study: Study, store: Store, *, views: bool = True) -> None:
     Args:
         study: The evaluation.
         store: Store, which keeps the streams in memory.
-        views: True to check photos, cameras, references and network weights, too; False for a comparison of sizes,
-            which draws nothing.
+        views: True to check photos, cameras, references, results of other codecs and network weights, too; False for a
+            comparison of sizes, which draws nothing.
 
     Raises:
         SplatwireError: If a stream, scene file, model folder, cameras file, dataset or weights file cannot be read; if
@@ -226,8 +227,9 @@ def check_scenes(study: Study, store: Store, *, views: bool = True) -> None:
         elif entry.kind == "model":
             store.files.model(entry.source)
         else:
-            store.files.loaded_scene(entry.source)
-            any(source.can_pack(row) for row in study.rows)  # refuses a file with losses that a row would pack
+            loaded = store.files.loaded_scene(entry.source)
+            if any(source.can_pack(row) for row in study.rows):
+                complete_scene(loaded, entry.source)  # refuses a file with losses
         if views:
             _check_comparison(study, source)
 
@@ -333,7 +335,9 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
-    """Logs a warning if the reference seems to show another scene, by its position, size and antialiasing.
+    """Logs a warning if the reference seems to show another scene, or only one of both is drawn antialiased.
+
+    Position and size suggest another scene.
 
     The result of the comparison is stored. Empty scenes are not compared.
 

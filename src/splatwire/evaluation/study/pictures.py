@@ -36,7 +36,7 @@ class ViewPictures:
         scene: Name of the scene.
         view: Name of the view.
         loss: Description of the loss model and the seed.
-        source: Kind of the reference image, `photos` or `renders`.
+        source: Description of the references for reports, such as `photos` or `renders of the complete scene`.
         reference: RGB, uint8, (H, W, 3).
         shots: One image per method.
         loss_maps: Images of received and lost elements drawn as dots, by name of the packetization.

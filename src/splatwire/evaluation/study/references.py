@@ -40,7 +40,7 @@ class References:
         chosen: Indices of the evaluated views.
         background: RGB of the background.
         renders: Folder of rendered references within the store; empty for photos.
-        source: Kind of references for reports, such as `photos` or `renders`.
+        source: Description of the references for reports, such as `photos` or `renders of the complete scene`.
         masked: True if the references have masks.
         digest: Digest of cameras, images and masks.
         frames: True if each view is a frame of a sequence.

@@ -1,5 +1,6 @@
 """Comparison of file sizes with the official HAC++ code on the same anchors, by attribute; nothing is rendered."""
 
+import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from splatwire.evaluation.study.store import Store
 from splatwire.evaluation.study.tables import Table
 from splatwire.io.importing import import_model
 from splatwire.types import AnchorScene, Mlp
+
+LOG = logging.getLogger(__name__)
 
 NATIVE = "HAC++ files"
 _BYTES_OF_FLOAT32 = 4
@@ -125,7 +128,13 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
             files: dict[str, int] = {}
             if (native := native_parts(entry)) is not None:
                 columns[NATIVE], files[NATIVE] = native, native_attribute_files(entry)
-            for row in (row for row in study.rows if row.variant in streams):
+            for row in study.rows:
+                if row.variant not in streams:
+                    LOG.warning(
+                        "scene '%s': row '%s' is left out: the scene cannot be packed so, or its sections are absent "
+                        "or cannot be kept", entry.name, row.key,
+                    )  # fmt: skip
+                    continue
                 columns[row.label] = our_parts(streams[row.variant])
                 files[row.label] = sum(streams[row.variant].parts[part] for part in _PACKET_FILES)
             scene_sizes.append(SceneSizes(entry.name, next(iter(streams.values())).num_anchors, columns, files))

@@ -14,6 +14,7 @@ from splatwire.bitstream.packetization import DATAGRAM_BYTES
 from splatwire.bitstream.tile_selection import Viewpoint, cut_of
 from splatwire.bitstream.tiles import Tiles
 from splatwire.channel import LossModel, NoLoss
+from splatwire.channel.loss_models import draw_checked
 from splatwire.errors import InvalidValueError
 from splatwire.lod.tiles import tiles_of
 
@@ -132,7 +133,7 @@ class _Sender:
         self._first = np.searchsorted(tile_of_packet, np.arange(tiles.num_tiles + 1))
         datagrams = -(-sizes // DATAGRAM_BYTES)
         most = int(seconds * link.rate / 8 // max(int(sizes.min()), 1)) + 2
-        fates = link.loss.received(most * int(datagrams.max()), np.random.default_rng(link.seed))
+        fates = draw_checked(link.loss, most * int(datagrams.max()), np.random.default_rng(link.seed))
         self._datagrams, self._fates, self._drawn = datagrams, fates, 0
         self._sent = np.full(len(sizes), np.inf)  # expected arrival times
         self.arrivals = np.full(len(sizes), np.inf)

@@ -6,8 +6,8 @@ from splatwire.io.formats.dispatch import format_of as format_of
 from splatwire.io.formats.dispatch import is_antialiased as is_antialiased
 from splatwire.io.formats.dispatch import read_content as read_content
 from splatwire.io.formats.dispatch import read_rows as read_rows
+from splatwire.io.formats.dispatch import read_rows_with_origin as read_rows_with_origin
 from splatwire.io.formats.dispatch import read_splats as read_splats
-from splatwire.io.formats.dispatch import read_world_rows as read_world_rows
 from splatwire.io.formats.dispatch import register_format as register_format
 from splatwire.io.formats.dispatch import splats_kind as splats_kind
 from splatwire.io.formats.dispatch import write_splats as write_splats

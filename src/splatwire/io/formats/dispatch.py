@@ -119,7 +119,7 @@ def read_content(path: Path) -> FileContent:
         DatasetError: If the format is not supported, the file is damaged, or no Gaussian can be drawn.
     """
     path = path_of(path, "a file of Gaussians")
-    content, validity = read_rows(path)
+    content, validity = read_rows_with_origin(path)
     # The file of an empty frame has one invisible Gaussian, see `splatwire.sequence.frame_writer`.
     if len(validity.kept) == validity.num_invisible == 1:
         LOG.warning("%s: its only Gaussian is transparent: the scene is empty", path)
@@ -147,7 +147,7 @@ def is_antialiased(path: Path) -> bool:
 
 
 @checked
-def read_world_rows(path: Path) -> tuple[Splats, ElementValidity]:
+def read_rows(path: Path) -> tuple[Splats, ElementValidity]:
     """Reads all Gaussians of a file in world coordinates, including those that cannot be drawn.
 
     Returns:
@@ -156,12 +156,12 @@ def read_world_rows(path: Path) -> tuple[Splats, ElementValidity]:
     Raises:
         DatasetError: If the format is not supported, or the file is damaged.
     """
-    content, validity = read_rows(path)
+    content, validity = read_rows_with_origin(path)
     return content.relative_to(NO_ORIGIN).splats, validity
 
 
 @checked
-def read_rows(path: Path) -> tuple[FileContent, ElementValidity]:
+def read_rows_with_origin(path: Path) -> tuple[FileContent, ElementValidity]:
     """Reads all Gaussians of a file, and classifies each as drawable, invisible or invalid.
 
     Raises:

@@ -312,7 +312,9 @@ class TrainConfig:
         check_background(self.background)
         for name in ("voxel_size", "averaging_iterations", "random_points", "seed"):
             if not 0 <= getattr(self, name) < math.inf:
-                raise InvalidValueError(f"{name}: expected a number of at least 0, not {shown(getattr(self, name))}")
+                raise InvalidValueError(
+                    f"{name}: expected a finite number of at least 0, not {shown(getattr(self, name))}"
+                )
 
     __getattr__ = renamed_attributes("TrainConfig", {"losses": "packet_loss", "averaged": "averaging_iterations"})
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from splatwire.bitstream import PacketId, SceneStream, send_sequence
 from splatwire.channel import LossModel
+from splatwire.channel.loss_models import draw_checked
 from splatwire.planning.transfer_model import TransferModel, simulate
 from splatwire.transport.fec import symbol_bytes_for
 from splatwire.transport.protocol.layout import init_segment, parity_groups
@@ -127,6 +128,6 @@ def delivered(load: SequenceLoad, protection: Protection, loss: LossModel, seed:
         seed: Random seed of the simulated losses of datagrams.
     """
     whole = model_motion_transfer(load, protection)
-    received = loss.received(len(whole.model.kind), np.random.Generator(np.random.PCG64(seed)))
+    received = draw_checked(loss, len(whole.model.kind), np.random.Generator(np.random.PCG64(seed)))
     received_packets = whole.received_packets(received[None])[0]
     return {load.ids[packet] for packet in whole.order[received_packets].tolist()}

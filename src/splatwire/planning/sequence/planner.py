@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatwire.channel import LossModel
+from splatwire.channel.loss_models import draw_checked
 from splatwire.errors import InvalidValueError
 from splatwire.planning.plan_file import Plan
 from splatwire.planning.sequence.delivery import SequenceLoad, model_motion_transfer
@@ -135,7 +136,7 @@ def _efficient_choices(
     pairs = [(0.0, 0.0), *(itertools.product(PARTS, REPAIRS) if motion else ())]
     longest = len(motion) + len(load.groups[group].keyframes) + int(2.0 * len(motion)) + 1
     rngs = (np.random.Generator(np.random.PCG64([seed, group, trial])) for trial in range(trials))
-    traces = np.stack([loss.received(longest, rng) for rng in rngs])
+    traces = np.stack([draw_checked(loss, longest, rng) for rng in rngs])
     by_bytes = dict[int, _Choice]()
     for pair in pairs:
         transfer = model_motion_transfer(load, Protection(motion=(pair,)), group)
