@@ -29,7 +29,7 @@ from splatwire.channel import parse_loss, transmit
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.concealment import conceal
 from splatwire.errors import SplatwireError
-from splatwire.io.formats import read_splats, read_rows, write_splats
+from splatwire.io.formats import read_rows, read_splats, write_splats
 from splatwire.metrics import psnr
 from splatwire.neural.importers.hacpp import import_hacpp
 from splatwire.ops.threads import use_single_thread
