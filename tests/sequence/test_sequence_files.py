@@ -187,21 +187,52 @@ def test_positions_of_small_scenes_in_splat4d_are_as_precise_as_their_gaussians(
 
 @pytest.mark.parametrize("end", [".4dgs", pytest.param(".splat4d", marks=needs_splat4d)])
 @pytest.mark.parametrize("far", [1e7, 1e12, 1e30])
-def test_a_gaussian_beyond_the_range_of_a_format_is_moved_with_a_warning(tmp_path, caplog, end, far):
+@pytest.mark.parametrize("count", [20, 100, 200])
+@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 0.1, 0.1)])
+def test_a_gaussian_beyond_the_range_of_a_format_is_moved_with_a_warning(tmp_path, caplog, end, far, count, shape):
     pytest.importorskip("fourdgs", reason="fourdgs is not installed")
 
     def frames():
-        for frame in clip(degree=0):
+        for frame in clip(degree=0, count=count):
             means = frame.splats.means.copy()
             means[7] = (far, 0, -far)
-            yield FileContent(replace(frame.splats, means=means))
+            yield FileContent(replace(frame.splats, means=means, scales=frame.splats.scales * np.float32(shape)))
 
     write(frames(), tmp_path / f"a{end}")
-    assert caplog.text.count("1 of 200 Gaussians are up to") == 1
-    others = np.arange(200) != 7
+    assert caplog.text.count("Gaussians are up to") == 1
+    assert "1 of " in caplog.text
+    others = np.arange(count) != 7
     for frame, expected in zip(open_sequence(tmp_path / f"a{end}").read(), frames(), strict=True):
         found = frame.splats.select(nearest(frame.splats, expected.splats.select(others)))
         np.testing.assert_allclose(found.means, expected.splats.means[others], atol=4e-3)
+
+
+def test_a_moving_gaussian_beyond_the_range_of_4dgs_is_moved(tmp_path, caplog):
+    """Each frame has another interval of the moving Gaussian, so that most intervals are beyond the range."""
+    pytest.importorskip("fourdgs", reason="fourdgs is not installed")
+
+    def frames():
+        for number in range(30):
+            splats = cloud(40, 0)
+            splats.means[:15] = (1e12 * (1 + number), 0, 0)
+            yield FileContent(splats)
+
+    write(frames(), tmp_path / "a.4dgs")
+    assert "450 of 475 Gaussians are up to" in caplog.text
+    for frame, expected in zip(open_sequence(tmp_path / "a.4dgs").read(), frames(), strict=True):
+        found = frame.splats.select(nearest(frame.splats, expected.splats.select(np.arange(40) >= 15)))
+        np.testing.assert_allclose(found.means, expected.splats.means[15:], atol=4e-3)
+
+
+@needs_splat4d
+def test_a_scene_that_is_large_only_because_of_several_gaussians_gives_a_warning(tmp_path, caplog):
+    splats = cloud(20, 0)
+    splats.means[:2] = 1e12
+    write([FileContent(splats)], tmp_path / "a.splat4d")
+    assert "positions are rounded to steps of" in caplog.text
+    caplog.clear()
+    write(clip(degree=0), tmp_path / "a.splat4d")
+    assert not caplog.text
 
 
 def test_values_that_4dgs_cannot_store_are_one_error(tmp_path):

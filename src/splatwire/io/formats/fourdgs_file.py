@@ -22,7 +22,7 @@ from splatwire.errors import MALFORMED, DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.io.formats._axes import SPZ_FLIPS, flip_axes
 from splatwire.io.formats._columns import build_splats, check_count, concatenate
-from splatwire.io.formats._sequence_range import frames_in_range
+from splatwire.io.formats._sequence_range import PositionRange
 from splatwire.io.formats.content import FileContent, relative_to_first
 from splatwire.io.formats.outliers import warn_of_clipped
 from splatwire.ops.spherical_harmonics import DC, num_functions
@@ -138,12 +138,15 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
         DatasetError: If no frame has Gaussians, or the package fourdgs cannot store the values.
     """
     runs = _ConstantIntervals(rate)
-    for frame in frames_in_range(path, relative_to_first(frames), _STEP):
+    for frame in relative_to_first(frames):
         runs.add(flip_axes(frame.splats, SPZ_FLIPS))
     splats, begins, ends = runs.end_all()
     count = runs.num_frames
     if not splats.num_gaussians:
         raise DatasetError(f"{path}: a sequence without Gaussians cannot be written")
+    size = float(np.median(splats.scales))
+    # Shrinking Gaussians below the median would make the step of fourdgs smaller.
+    splats = PositionRange(path, splats, _STEP * size, ends - begins).limited(splats, min_scale=size)
     colours = 0.5 + DC * splats.sh[:, 0]
     warn_of_clipped(path, "base colours", colours, 0.0, 1.0)
     warn_of_clipped(path, "harmonics", splats.sh[:, 1:], _LOWEST, _HIGHEST)

@@ -20,7 +20,7 @@ from splatwire.errors import MALFORMED, BackendUnavailableError, DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats._columns import check_count
-from splatwire.io.formats._sequence_range import frames_in_range, position_step
+from splatwire.io.formats._sequence_range import PositionRange, position_step, warn_of_large_step
 from splatwire.io.formats.content import FileContent, relative_to_first
 from splatwire.io.formats.outliers import VISIBLE_DIVISOR
 from splatwire.io.formats.splat import read_splat, write_splat
@@ -31,8 +31,8 @@ MAX_FRAMES = 20_000
 """Maximum number of frames that are read."""
 _MAX_HEADER_BYTES = 16 << 20
 _PROGRAM = "splat4d"
-_MAX_ERROR_MM = 2.0
-"""Largest error of positions in thousandths of a world unit, the program's default."""
+_MAX_STEP = 0.004
+"""Maximum step of positions in scenes that are not large, world units; twice the program's default error."""
 _STEP_SHARE = 2 / VISIBLE_DIVISOR
 """Step of positions, twice their largest error, divided by the median size of the Gaussians, in small scenes."""
 
@@ -96,15 +96,16 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
         BackendUnavailableError: If the program is not installed.
         DatasetError: If there is no frame, the numbers of Gaussians differ, or the program fails.
     """
-    count, first, error_mm = 0, -1, _MAX_ERROR_MM
+    count, first, step = 0, -1, _MAX_STEP
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
-        limits = (_STEP_SHARE, 2 * _MAX_ERROR_MM / 1000)
-        shown = frames_in_range(path, relative_to_first(frames), *limits)
-        for count, frame in enumerate(shown, 1):
+        for count, frame in enumerate(relative_to_first(frames), 1):
             splats = frame.splats
             if count == 1:
                 first = splats.num_gaussians
-                error_mm = 1000 * position_step(splats, *limits) / 2 if first else error_mm
+                step = position_step(splats, _STEP_SHARE, _MAX_STEP) if first else _MAX_STEP
+                positions = PositionRange(path, splats, step)
+                if first:
+                    warn_of_large_step(path, splats, _STEP_SHARE, step)
                 if splats.degree:
                     LOG.warning("%s: such files have one colour for all directions; harmonics are left out", path)
             if splats.num_gaussians != first:
@@ -112,11 +113,12 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
                     f"{path}: frame {count - 1} has {splats.num_gaussians:,} Gaussians, the first one {first:,}: such "
                     "files have the same Gaussians in all frames"
                 )
-            write_splat([splats.at_most_degree(0)], Path(folder) / f"frame_{count - 1:06}.splat")
+            shown = positions.limited(splats.at_most_degree(0))
+            write_splat([shown], Path(folder) / f"frame_{count - 1:06}.splat")
         if not count:
             raise DatasetError(f"{path}: a sequence without frames cannot be written")
         with atomic_output(path) as target:
-            numbers = ("--pos-mm", f"{error_mm:g}", "--fps", f"{rate:g}")
+            numbers = ("--pos-mm", f"{1000 * step / 2:g}", "--fps", f"{rate:g}")
             _run(path, "encode", "--input", folder, "--output", str(target), *numbers)
     return count
 
