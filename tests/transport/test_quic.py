@@ -7,7 +7,7 @@ import random
 import socket
 import sys
 from collections.abc import AsyncIterator, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import ExitStack, asynccontextmanager
 from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
@@ -39,6 +39,8 @@ from transport.relay import Relay
 
 pytest.importorskip("aioquic", reason="the package aioquic is not installed")
 from aioquic.quic.congestion.base import create_congestion_control
+from aioquic.quic.connection import QuicConnection
+from aioquic.quic.events import ConnectionTerminated
 
 from splatwire.transport.protocol.transfer import ServerTransfer
 from splatwire.transport.protocol.wire import DATA, WELCOME, decode, message_kind
@@ -123,13 +125,57 @@ def test_a_server_is_found_at_any_of_its_addresses(monkeypatch, first):
 
             monkeypatch.setattr(client, "resolve", resolved)
             monkeypatch.setattr(client, "connected_socket", connected)
+            monkeypatch.setattr(client, "ADDRESS_TIMEOUT_S", 0.5)
+            accepted = []
+            accept = server.accept
+            monkeypatch.setattr(server, "accept", lambda connection: (accepted.append(connection), accept(connection)))
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
                 if first == "is silent":
                     silent.bind(targets[0])
-                assert (await fetch(server.port, ReceiverOptions(silence_s=1.0))).finished.reason == "complete"
+                assert (await fetch(server.port)).finished.reason == "complete"
+            assert len(accepted) == 1
             if first == "refuses":
                 targets[1] = ("127.0.0.3", server.port)
                 assert (await fetch(server.port)).finished.reason == "nothing listens there"
+
+    run(work())
+
+
+def test_silent_addresses_follow_each_other_without_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(client, "ADDRESS_TIMEOUT_S", 0.3)
+    for pause in ("MIN_PAUSE_S", "MAX_PAUSE_S"):
+        monkeypatch.setattr(client, pause, 1000.0)
+
+    async def work() -> None:
+        async with serving() as server:
+            targets = [(f"127.0.0.{number}", server.port) for number in (2, 3, 4, 1)]
+
+            async def resolved(_: Address) -> list[tuple[socket.AddressFamily, Any]]:
+                return [(socket.AF_INET, target) for target in targets]
+
+            monkeypatch.setattr(client, "resolve", resolved)
+            with ExitStack() as silent:
+                for target in targets[:3]:
+                    silent.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(target)
+                assert (await fetch(server.port)).finished.reason == "complete"
+
+    run(work())
+
+
+def test_an_ended_connection_leaves_the_receiver_to_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def work() -> None:
+        receiver = Receiver(1, 0.0, reliable=True)
+        quic = QuicConnection(configuration=configuration(is_client=True, alpn=[ALPN], idle_s=1.0))
+        ended = client._Client(quic, receiver, Trust(), None, None, ("127.0.0.1", 1))
+        ended._finish()
+        polled = list[float]()
+        monkeypatch.setattr(receiver, "poll", polled.append)
+        ended.quic_event_received(ConnectionTerminated(0, None, ""))
+        assert ended._alarm is None
+        ended._tick()
+        assert ended._alarm is None
+        assert polled == []
+        assert receiver.finished is None
 
     run(work())
 

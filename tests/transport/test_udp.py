@@ -6,6 +6,7 @@ import random
 import socket
 import sys
 from collections.abc import Coroutine
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
@@ -14,6 +15,7 @@ from splatwire.bitstream import SceneStream
 from splatwire.errors import InvalidValueError
 from splatwire.transport import (
     Event,
+    Finished,
     PacketArrived,
     Protection,
     Receiver,
@@ -407,6 +409,49 @@ def test_a_server_is_found_at_any_of_its_addresses(monkeypatch: pytest.MonkeyPat
         if first == "refuses":
             targets[1] = ("127.0.0.3", server.port)
             assert (await fetch(server.port)).finished.reason == "nothing listens there"
+
+    run(work())
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_stop_after_the_end_of_a_transfer_opens_no_socket(monkeypatch: pytest.MonkeyPatch, is_late: bool) -> None:
+    """The end may be a deadline without an answer of the server, at which the next address would be due."""
+    monkeypatch.setattr(udp, "ADDRESS_TIMEOUT_S", 0.0)
+    opened = list[socket.socket]()
+
+    def connected(family: socket.AddressFamily, target: Any) -> socket.socket:
+        opened.append(connected_socket(family, target))
+        return opened[-1]
+
+    async def work() -> None:
+        with ExitStack() as silent:
+            targets = []
+            for host in ("127.0.0.2", "127.0.0.1"):
+                one = silent.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+                one.bind((host, 0))
+                targets.append((socket.AF_INET, one.getsockname()))
+
+            async def resolved(_: Address) -> list[tuple[socket.AddressFamily, Any]]:
+                return targets
+
+            monkeypatch.setattr(udp, "resolve", resolved)
+            monkeypatch.setattr(udp, "connected_socket", connected)
+            errors = list[Any]()
+            loop = asyncio.get_running_loop()
+            loop.set_exception_handler(lambda _, context: errors.append(context))
+            stop = loop.create_future()
+
+            def on_event(event: object) -> None:
+                if isinstance(event, Finished) and not is_late:
+                    loop.call_soon(stop.set_result, None)
+
+            receiver = await receive_udp(Address("name", 1), ReceiverOptions(deadline_s=0.2), on_event, stop=stop)
+            assert receiver.finished.reason == "deadline"
+            if is_late:
+                stop.set_result(None)
+            await asyncio.sleep(0.05)
+            assert [one.fileno() for one in opened if one.fileno() >= 0] == []
+            assert errors == []
 
     run(work())
 

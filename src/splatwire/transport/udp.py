@@ -49,7 +49,7 @@ ADDRESS_LOST_ERROR = errno.EINVAL
 ServerAddress = tuple[socket.AddressFamily, Any]
 """One of the addresses of a server: its family and its numeric socket address."""
 ADDRESS_TIMEOUT_S = 2.0
-"""Time without an answer after which a client over UDP tries the next address of its server, seconds."""
+"""Time without an answer after which a client tries the next address of its server, seconds."""
 Tap = Callable[[Endpoint, Endpoint, bytes], None]
 """Callback for every datagram sent or received, with its source, its destination and its payload."""
 
@@ -268,14 +268,19 @@ async def receive_udp(
         return receiver
     client = _Client(await resolve(address), receiver, on_event, tap)
     if stop is not None:
-        stop.add_done_callback(lambda _: client.stop())
-    return await client.run()
+        stop.add_done_callback(client.stopped)
+    try:
+        return await client.run()
+    finally:
+        if stop is not None:
+            stop.remove_done_callback(client.stopped)
 
 
 class _Client:
     """Runs a receiver on a UDP socket: passes datagrams and the time to the receiver, and sends its datagrams.
 
     If the server has several addresses, such as `localhost` on many systems, they are tried in turn until one answers.
+    Silent ones are tried for `ADDRESS_TIMEOUT_S` each: at most five are reached before the handshake fails.
     """
 
     def __init__(
@@ -311,8 +316,10 @@ class _Client:
                 self._socket.close()
         return self._receiver
 
-    def stop(self) -> None:
+    def stopped(self, _: asyncio.Future[None]) -> None:
         """Ends the transfer because the caller's `stop` future is done."""
+        if self._finished.done():
+            return
         self._send_and_report(*self._receiver.stop())
         self._tick()
 
@@ -375,7 +382,7 @@ class _Client:
         Args:
             is_refused: True if nothing listens at the current address, which is then not tried again.
         """
-        while len(self._addresses) > 1:
+        while len(self._addresses) > 1 and self._receiver.finished is None:
             if is_refused:
                 self._addresses.popleft()
             else:

@@ -35,7 +35,7 @@ from splatwire.transport.quic.common import (
     limit_backoff,
     send_on_stream,
 )
-from splatwire.transport.udp import Tap, connected_socket, new_nonce, resolve
+from splatwire.transport.udp import ADDRESS_TIMEOUT_S, Tap, connected_socket, new_nonce, resolve
 
 MIN_PAUSE_S, MAX_PAUSE_S = 0.25, 2.0
 """Pauses before a new connection is tried, seconds: the first pause, and the maximum after repeated doubling."""
@@ -100,6 +100,7 @@ async def receive_quic(
         return receiver
     with _ending(options.deadline_s, stop) as end:
         addresses = deque(await resolve(address))
+        num_untried = len(addresses)
         settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
         settings.server_name = address.host
         settings.cadata = trust.authority
@@ -107,6 +108,7 @@ async def receive_quic(
         pause = MIN_PAUSE_S
         while receiver.finished is None:
             began, transfer_events = loop.time(), list[Event]()
+            num_untried -= 1
             is_last = len(addresses) == 1
             try:
                 connection = connected_socket(*addresses[0])
@@ -124,13 +126,15 @@ async def receive_quic(
                 end.remove_done_callback(client.stopped)
                 is_refused, is_reached = client.is_refused, client.is_reached
             if receiver.finished is None:
+                num_untried = 0 if is_reached else num_untried
                 if not is_last and is_refused and not receiver.may_resume(loop.time()):
                     addresses.popleft()
-                    continue
-                if not is_reached:
-                    addresses.rotate(-1)
-                pause = MIN_PAUSE_S if loop.time() - began > STABLE_S else min(2 * pause, MAX_PAUSE_S)
-                await asyncio.wait([end], timeout=pause)
+                else:
+                    if not is_reached:
+                        addresses.rotate(-1)
+                    if num_untried <= 0:
+                        pause = MIN_PAUSE_S if loop.time() - began > STABLE_S else min(2 * pause, MAX_PAUSE_S)
+                        await asyncio.wait([end], timeout=pause)
                 transfer_events = receiver.stop(end.result())[1] if end.done() else receiver.reconnect(loop.time())
             for event in transfer_events:
                 if on_event:
@@ -193,7 +197,7 @@ class _Client(QuicConnectionProtocol):
         self._reader = MessageReader()
         self._alarm: asyncio.TimerHandle | None = None
         self._finished = self._loop.create_future()
-        self._established = self._is_interrupted = False
+        self._established = self._is_interrupted = self._is_answered = False
         self._socket_closed = asyncio.Event()
 
     @property
@@ -204,12 +208,15 @@ class _Client(QuicConnectionProtocol):
     async def run(self, connection: socket.socket) -> Receiver:
         await self._loop.create_datagram_endpoint(lambda: self, sock=connection)
         self.connect(self._target)
+        address_timer = None if self._is_last else self._loop.call_later(ADDRESS_TIMEOUT_S, self._leave_silent_address)
         try:
             self._tick()
             await self._finished
         finally:
             if self._alarm:
                 self._alarm.cancel()
+            if address_timer:
+                address_timer.cancel()
             try:
                 self._send_and_report(*(([], []) if self._is_interrupted else self._receiver.stop()))
             finally:
@@ -218,6 +225,12 @@ class _Client(QuicConnectionProtocol):
                 self._socket_transport.close()
                 await self._socket_closed.wait()
         return self._receiver
+
+    def _leave_silent_address(self) -> None:
+        """Ends a connection to which nothing has answered, so that the next address of the server is tried."""
+        if not self._is_answered:
+            self._is_interrupted = True
+            self._finish()
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         self._socket_transport = transport
@@ -230,6 +243,7 @@ class _Client(QuicConnectionProtocol):
     def datagram_received(self, data: bytes | str, addr: Any) -> None:
         assert isinstance(data, bytes)
         self._tap_datagram(False, data)
+        self._is_answered = True
         try:
             if not self._established and self._is_refusal(data):
                 self._send_and_report(*self._receiver.on_wrong_transport())
@@ -256,7 +270,7 @@ class _Client(QuicConnectionProtocol):
         return isinstance(message, Refuse) and message == Refuse(own, OTHER_TRANSPORT)
 
     def error_received(self, exc: Exception) -> None:
-        if not isinstance(exc, ConnectionRefusedError) or self._established:
+        if not isinstance(exc, ConnectionRefusedError) or self._established or self._finished.done():
             return
         self.is_refused = True
         # The server may be restarting, or listen at another of its addresses.
@@ -267,6 +281,8 @@ class _Client(QuicConnectionProtocol):
             self.stop("nothing listens there")
 
     def quic_event_received(self, event: events.QuicEvent) -> None:
+        if self._finished.done():  # the receiver may have a new connection
+            return
         now = self._loop.time()
         match event:
             case events.HandshakeCompleted():
@@ -327,6 +343,8 @@ class _Client(QuicConnectionProtocol):
     def _tick(self) -> None:
         """Polls the receiver, sends the messages that it returns, and sets a timer for the next poll."""
         self._alarm = None
+        if self._finished.done():
+            return
         try:
             self._send_and_report(*self._receiver.poll(self._loop.time()))
         except Exception as error:
@@ -336,7 +354,7 @@ class _Client(QuicConnectionProtocol):
         self._rearm()
 
     def _rearm(self) -> None:
-        at = self._receiver.next_at()
+        at = None if self._finished.done() else self._receiver.next_at()
         if at is None:
             self._finish()
         elif self._alarm is None:
