@@ -90,18 +90,27 @@ def test_a_private_scene_needs_a_valid_token(content, path):
 
 def test_private_scenes_have_no_other_address(content):
     good = make_token(KEY, ["secret"], 60.0)
-    for path in ("/streams/secret.swz", "/streams/secre%74.swz", "/%70rivate/secret.swz", "/private/open.swz"):
+    for path in (
+        "/streams/secret.swz", "/streams/secre%74.swz", "/%73treams/secret%2Eswz", "/private/open.swz",
+        "/%70rivate/open%2eswz", "/private%2Fsecret.swz", "/private/secret", "/private//secret.swz",
+        "/streams/..%2Fprivate%2Fsecret.swz",
+    ):  # fmt: skip
         assert asked(content, with_token(path, good))[0] == 404, path
         assert asked(content, path)[0] in (401, 404), path
-    encoded = "/private/secre%74.swz"  # the same address
-    assert [asked(content, path)[0] for path in (encoded, with_token(encoded, good))] == [401, 200]
+    for encoded in ("/private/secre%74.swz", "/%70rivate/secret.swz", "/private/secret%2Eswz"):  # the same address
+        assert [asked(content, path)[0] for path in (encoded, with_token(encoded, good))] == [401, 200]
+        head = f"GET {with_token(encoded, good)} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode()
+        assert b"Cache-Control: private" in content.respond_now(head).head
     assert asked(content, "/?stream=secre%74")[0] == 401
 
 
 def test_responses_do_not_reveal_names_of_private_scenes(content):
     tokens = ("", make_token(KEY, ["open"], 60.0), make_token(OTHER, ["secret"], 60.0))
     for method in ("GET", "HEAD", "OPTIONS", "POST"):
-        for path in (*PLACES, "/streams/secret.swz", "/private/secre%74.swz", "/secret.swz", "/secret.ply"):
+        for path in (
+            *PLACES, "/streams/secret.swz", "/private/secre%74.swz", "/secret.swz", "/secret.ply",
+            "/%70rivate/secret%2Eswz", "/%73treams/secret.swz", "/private/secret", "/private/secret.swz/x.swz",
+        ):  # fmt: skip
             for token in tokens:
                 heads = [
                     f"{method} {with_token(path, token).replace('secre', name)} HTTP/1.1\r\nHost: 127.0.0.1\r\n"

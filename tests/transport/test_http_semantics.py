@@ -128,7 +128,8 @@ def test_a_path_may_be_encoded_in_any_way(name: str):
         quote(name, safe=safe) for safe in ("", "!'()*", "!$&'()*+,;=:@")
     } | {"".join(f"%{byte:02x}" for byte in name.encode())}  # fmt: skip
     for path in paths:
-        assert ask(content, target=f"/streams/{path}.swz")[::2] == (200, BODY), path
+        for start, end in (("streams", ".swz"), ("streams", "%2Eswz"), ("%73treams", ".s%77z")):
+            assert ask(content, target=f"/{start}/{path}{end}")[::2] == (200, BODY), path
     assert ask(content, target=f"/streams/{quote(quote(name))}x.swz")[0] == 404
 
 
@@ -148,11 +149,14 @@ def test_the_page_may_be_below_a_path_of_a_proxy():
 def test_an_encoded_path_opens_no_private_scene():
     access = Access(frozenset({"secret"}), problem=lambda token, name: None if token == "good" else "no")
     content = PageContent({"city": BODY, "secret": BODY}, access=access)
-    for path in ("/private/secret.swz", "/private/%73ecret.swz", "/private/%73%65cret.swz"):
+    for path in (
+        "/private/secret.swz", "/private/%73ecret.swz", "/private/%73%65cret.swz", "/%70rivate/secret.swz",
+        "/private/secret%2eswz",
+    ):  # fmt: skip
         assert ask(content, target=path)[0] == 401, path
         assert ask(content, target=f"{path}?token=good")[0] == 200, path
     for path in (
-        "/streams/secret.swz", "/streams/%73ecret.swz", "/%70rivate/secret.swz", "/streams%2Fsecret.swz",
+        "/streams/secret.swz", "/streams/%73ecret.swz", "/%73treams/secret%2Eswz", "/streams%2Fsecret.swz",
         "/streams/..%2Fprivate%2Fsecret.swz", "/streams/../private/secret.swz", "/private%2Fsecret.swz",
     ):  # fmt: skip
         assert ask(content, target=path)[0] in (401, 404), path

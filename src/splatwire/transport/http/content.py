@@ -231,10 +231,10 @@ class PageContent:
         if resource is None:  # pages of other origins may see that a stream is missing
             return make_response("404 Not Found", headers=self._cors_headers(origin))
         status, kind, body, headers = resource
-        script = request.target[1:] in FILES
-        if isinstance(body, bytes) and (script or request.target.startswith((STREAMS, PRIVATE))):
+        script, stream = request.target[1:] in FILES, _split_stream_path(request.target)
+        if isinstance(body, bytes) and (script or stream is not None):
             packed = script and accepts_gzip(request.headers.get("accept-encoding", ""))
-            private = request.target.startswith(PRIVATE)
+            private = stream is not None and stream[0] == PRIVATE
             return make_file_response(
                 kind, body, headers, request, self._entity_tag(body), packed=packed, private=private
             )
@@ -248,8 +248,9 @@ class PageContent:
         """Returns the name of the scene that a request is for; empty for a request that needs no access token."""
         if request.target == "/":
             return self._shown_name(request.query)
-        if request.target.startswith(PRIVATE):
-            return unquote(request.target.removeprefix(PRIVATE).removesuffix(".swz"))
+        stream = _split_stream_path(request.target)
+        if stream is not None and stream[0] == PRIVATE:
+            return stream[1]
         name, _, form = unquote(request.target[1:]).rpartition(".")
         return name if self.downloads is not None and form in self.downloads.formats else ""
 
@@ -338,11 +339,13 @@ class PageContent:
             return "200 OK", f"{kind}; charset=utf-8", _web_bytes(target[1:]), headers
         if target == "/streams.json":
             return "200 OK", "application/json", json.dumps(self._stream_list()).encode(), cors_headers
-        folder = PRIVATE if target.startswith(PRIVATE) else STREAMS
-        name = unquote(target.removeprefix(folder).removesuffix(".swz"))
-        if _is_same_path(target, self._stream_path(name)) and (file := self._file(name)) is not None:
-            return "200 OK", "application/octet-stream", file, cors_headers
-        return None
+        stream = _split_stream_path(target)
+        if stream is None:
+            return None
+        folder, name = stream
+        if self._is_private(name) != (folder == PRIVATE) or (file := self._file(name)) is None:
+            return None
+        return "200 OK", "application/octet-stream", file, cors_headers
 
     def _page(self, query: str) -> str:
         name = self._shown_name(query)
@@ -441,6 +444,21 @@ class PageContent:
                 {host_of(self.public_origin)} if self.public_origin else set()
             )
         return True
+
+
+def _split_stream_path(target: str) -> tuple[str, str] | None:
+    """Splits the URL path of a stream's file in any percent-encoding; returns None for another path.
+
+    Args:
+        target: Path of a request, percent-encoded.
+
+    Returns:
+        Folder (`STREAMS` or `PRIVATE`) and name of the stream, decoded.
+    """
+    start, *parts = (unquote(part) for part in target.split("/"))  # an encoded slash belongs to a name
+    if start or len(parts) != 2 or f"/{parts[0]}/" not in (STREAMS, PRIVATE) or not parts[1].endswith(".swz"):
+        return None
+    return f"/{parts[0]}/", parts[1].removesuffix(".swz")
 
 
 def _is_same_path(target: str, path: str) -> bool:
