@@ -37,7 +37,7 @@ export interface ClipFrame {
   readonly packed: Packed;
 }
 
-/** Events of a clip by name. `detail` is the reason. */
+/** Events of a clip by name. The `detail` of `lost` and `error` is the reason. */
 export interface ClipEvents {
   readonly ended: CustomEvent<null>;
   readonly lost: CustomEvent<string>;
@@ -61,7 +61,7 @@ type SequenceStreamInfo = StreamInfo & { readonly sequence: NonNullable<StreamIn
  * A clip that is being received and played. It starts paused, unless it is live.
  *
  * Events: `ended` after the last frame; `lost` after a disconnect, before the next attempt; `error` if the clip cannot
- * be received. The reason is in `detail`, a string.
+ * be received. The `detail` of `lost` and `error` is the reason, a string.
  */
 export class Clip extends EventTarget {
   declare addEventListener: ListenerMethod<AddEventListenerOptions>;

@@ -5,11 +5,11 @@ import { test } from "node:test";
 
 import { ContainerReader } from "../src/packets/container.ts";
 import { FILE_ORDER, type Listener } from "../src/transport/events.ts";
-import { HttpFile } from "../src/transport/http_file.ts";
+import { HttpFile, readRange } from "../src/transport/http_file.ts";
 import { receiveFile } from "../src/transport/http_source.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
 import { HEAD, partOf } from "../src/transport/packet_cache.ts";
-import { isIntact, PacketStore } from "../src/transport/packet_store.ts";
+import { isIntact, PacketStore, SIZE_BYTES } from "../src/transport/packet_store.ts";
 import { WorkerReceiver } from "../src/worker_receiver.ts";
 import {
   type Answering,
@@ -677,4 +677,46 @@ for (const [place, range] of [
     assert.deepEqual([complete, verified], [true, true]);
     assert.ok(lost.length > 1 && server.asked.length < 20);
     for (const reason of lost) assert.match(reason, /answers with a part of it/);
+  });
+
+test("bytes of broken ranges are counted once, also if they end a head and begin a packet", async () => {
+  const store = new PacketStore(),
+    listener: Listener = {
+      preview: () => undefined,
+      head: (head, bytes) => store.begin(bytes, head),
+      packets: (packets) => void store.add(packets),
+      counts: () => undefined,
+      stopped: () => false,
+    },
+    file = new HttpFile(URL_, { ...LIMITS, firstBytes: STILL.length }),
+    size = packetOffsets(STILL)[0] - SIZE_BYTES,
+    counts = [0];
+  while (!file.isTryingWhole) file.noteFailure(new Error("broken"), false);
+  file.noteFailure(new Error("broken"), false); // the whole file failed, too
+  const server = new Server((asked, n) => {
+    const bytes = STILL.slice(asked.range![0], [size - 9, size + 7][n]);
+    return begun(bytes, { status: 206, headers: part(STILL, asked).headers }, "breaks");
+  });
+  for (let n = 0; n < 2; n++) {
+    await assert.rejects(receiveFile(file, listener, store), /network error/);
+    counts.push(file.numBegun);
+  }
+  assert.deepEqual(
+    server.asked.map(({ range }) => range![0]),
+    [0, size - 9],
+  );
+  assert.ok(store.hasHead && file.hasBegun(size));
+  assert.deepEqual(counts, [0, size - 9, size - 9 + 7]);
+});
+
+for (const isReplaced of [false, true])
+  test(`an aborted request keeps ${isReplaced ? "no bytes of a replaced file" : "its bytes"}`, async () => {
+    const file = new HttpFile(URL_, { ...LIMITS, idleMs: 20 }),
+      aborted = new AbortController();
+    new Server((asked) => begun(STILL.slice(100, 400), { status: 206, headers: part(STILL, asked).headers }, "hangs"));
+    const read = readRange(file, 100, 1000, 900, "default", aborted.signal);
+    aborted.abort();
+    if (isReplaced) file.noteChange();
+    await assert.rejects(read);
+    assert.equal(file.hasBegun(100), !isReplaced);
   });

@@ -100,11 +100,15 @@ for (const [name, sending] of Object.entries(FRUITLESS))
   });
 
 test("no session is opened for a name that no request can contain", async () => {
-  const [reason, ms] = await endOf(() => [], "é".repeat(33));
-  assert.equal(reason, "the name of the stream has more than 64 bytes, too many for a session");
-  assert.ok(ms < 1000, `${ms} ms`);
-  const [silent] = await endOf(() => [], "é".repeat(32));
-  assert.equal(silent, "the server sends nothing new");
+  for (const name of ["é".repeat(33), "a\nb", "a\u00a0b", "a\u200db", "\u202eb", "a\u2028", "a\u3000b", "\ue000"]) {
+    const [reason, ms] = await endOf(() => [], name);
+    assert.equal(reason, "the name of the stream has more than 64 bytes, or is not printable", JSON.stringify(name));
+    assert.ok(ms < 1000, `${ms} ms`);
+  }
+  for (const name of ["é".repeat(32), "a b", "सदन 🚀 1'(2)"]) {
+    const [reason] = await endOf(() => [], name);
+    assert.equal(reason, "the server sends nothing new", name);
+  }
 });
 
 /** Symbol of the side information in `greeting`, each of 256 bytes. */

@@ -21,7 +21,7 @@ export class Comparison {
   #gains: Float32Array | null = null;
   /** Gains of the reference picture; null draws every Gaussian unchanged. */
   #lossless: Float32Array | null = null;
-  /** True if the two pictures may differ. */
+  /** True if the two pictures may differ, and no other gains are awaited. */
   #differs = false;
   #timer = 0;
   /** Number of changes of the picture so far. A comparison ends when it changes. */
@@ -45,8 +45,11 @@ export class Comparison {
     this.pictureChanged();
   }
 
-  /** Announces other gains, which are still computed. */
+  /** Announces other gains, which are still computed. Until then nothing is compared. */
   awaitGains(): void {
+    this.#differs = false;
+    this.#changes++;
+    clearTimeout(this.#timer);
     this.report(PENDING);
   }
 

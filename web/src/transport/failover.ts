@@ -92,7 +92,7 @@ class Failover {
     this.#address = source.session;
   }
 
-  /** Number of bytes of broken ranges of the file, which later requests continue. */
+  /** Progress of the file besides packets: `HttpFile.numBegun`. */
   get numBegun(): number {
     return this.#file.numBegun;
   }

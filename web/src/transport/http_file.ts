@@ -33,7 +33,7 @@ const MAX_IDLE_MS = 32_000;
 const GROWTH = 1.5;
 /** Number of consecutive useless range responses after which the whole file is requested. */
 const MAX_USELESS = 3;
-/** Number of consecutive failed range requests without packets after which the whole file is requested once. */
+/** Number of consecutive failed range requests without progress after which the whole file is requested once. */
 const MAX_FAILURES = 3;
 /** Maximum number of requests for a range if responses are too short. Each may have half of the rest. */
 const MAX_SHORT = 24;
@@ -86,7 +86,7 @@ export class HttpFile {
   isCut = false;
   /** True if tiles are not where the stream's index has them. */
   isLinear = false;
-  /** True once the server has delivered bytes of the file, and the number of later refusals without packets between. */
+  /** True once the server has delivered bytes of the file, and the number of refusals since the last progress. */
   hasAnswered = false;
   refusals = 0;
   /** True if the last answer was a web page, such as that of a login. */
@@ -102,12 +102,13 @@ export class HttpFile {
   numBegun = 0;
   /** True while the whole file is requested because range requests failed repeatedly. */
   isTryingWhole = false;
+  /** Time of the last replacement of the file. */
+  changedAt = -Infinity;
   /** Aborts requests that have no signal of their own. */
   signal: AbortSignal | undefined;
   #failures = 0;
   #hasTriedWhole = false;
   #withheld = 0;
-  #changedAt = -Infinity;
   /** Message of the last failed range request. */
   #reason = "";
   #idleMs: number;
@@ -129,7 +130,7 @@ export class HttpFile {
 
   /**
    * Counts consecutive failed requests, because some servers answer only requests for the whole file. `isProgress` is
-   * true if packets arrived before the failure.
+   * true if packets arrived before the failure, or `numBegun` grew.
    */
   noteFailure(error: Error, isProgress: boolean): void {
     if (isProgress) this.refusals = 0;
@@ -169,8 +170,8 @@ export class HttpFile {
   noteChange(): void {
     const now = performance.now();
     this.#begun.clear();
-    this.changes = now - this.#changedAt < this.limits.changeMs ? this.changes + 1 : 1;
-    this.#changedAt = now;
+    this.changes = now - this.changedAt < this.limits.changeMs ? this.changes + 1 : 1;
+    this.changedAt = now;
   }
 
   /** Counts useless range responses. Throws `RangeUnsupported` after `MAX_USELESS` in a row. */
@@ -322,6 +323,7 @@ export async function readRange(
   signal?: AbortSignal,
 ): Promise<Uint8Array> {
   const bytes = new Uint8Array(end - first),
+    { changedAt } = file,
     begun = file.takeBegun(first, bytes.length);
   bytes.set(begun);
   let count = begun.length;
@@ -344,7 +346,8 @@ export async function readRange(
       if (count === before) break;
     }
   } catch (error) {
-    if (!(error instanceof RangeUnsupported || error instanceof PastEnd))
+    // an aborted request may end after the file was replaced
+    if (!(error instanceof RangeUnsupported || error instanceof PastEnd) && file.changedAt === changedAt)
       file.keepBegun(first, bytes.subarray(0, count), begun.length);
     throw error;
   }

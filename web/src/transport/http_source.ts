@@ -159,7 +159,8 @@ async function receiveFresh(file: HttpFile, listener: Listener, store: PacketSto
   } catch (error) {
     // the file may have been replaced
     if (isInvalid(error) && begun.length && !reader?.head) return receiveFresh(file, listener, store);
-    keepBegun(file, error, reader?.begun ?? { offset: 0, bytes: begun }, begun.length);
+    const rest = reader?.begun ?? { offset: 0, bytes: begun };
+    keepBegun(file, error, rest, rest.offset ? 0 : begun.length);
     throw error;
   }
   if (store.complete) return "complete";

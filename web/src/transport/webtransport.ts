@@ -56,6 +56,12 @@ const MAX_FAILED_HANDSHAKES = 2;
 /** `SESSION_TIMEOUT_MS` for a stream without another source: Chromium may delay handshakes, milliseconds. */
 const ONLY_SOURCE_TIMEOUT_MS = 20_000;
 
+/**
+ * A character that a server accepts in no name: Python's `isprintable` is false for it. The two may know different
+ * versions of Unicode.
+ */
+const NOT_PRINTABLE = /\p{C}|[^ \P{Z}]/u;
+
 /** Address of a server's WebTransport sessions. */
 export interface SessionAddress {
   readonly url: string;
@@ -104,8 +110,8 @@ export async function receiveDatagrams(
   options = FIRST_SESSION,
 ): Promise<string> {
   if (typeof WebTransport === "undefined") throw new NoWebTransport("this browser or page has no WebTransport");
-  if (new TextEncoder().encode(name).length > MAX_NAME)
-    throw new NoWebTransport(`the name of the stream has more than ${MAX_NAME} bytes, too many for a session`);
+  if (new TextEncoder().encode(name).length > MAX_NAME || NOT_PRINTABLE.test(name))
+    throw new NoWebTransport(`the name of the stream has more than ${MAX_NAME} bytes, or is not printable`);
   const transport = await openSession(session, options),
     transfer = new Transfer(name, crypto.getRandomValues(new BigUint64Array(1))[0], performance.now(), before);
   const end = (error: unknown): void =>
