@@ -159,17 +159,23 @@ def test_serve_without_a_stream_serves_the_bundled_gaussians():
     assert program.preview
 
 
-@pytest.mark.parametrize(("name", "warned"), [("é" * 32, False), ("é" * 32 + "x", True), ("a\u200db", True)])
+@pytest.mark.parametrize(
+    ("name", "warned"), [("é" * 32, False), ("é" * 32 + "x", True), ("a\u200db", True), ("a\nb\x1b[2J", True)]
+)
 def test_names_that_no_request_can_contain_are_named(
     stream_file: Path, tmp_path: Path, capsys, name: str, warned: bool
 ):
     from splatwire.cli import _run_serve
+    from splatwire.cli._terminal import one_line
     from splatwire.cli.serve import Serve
 
     file = tmp_path / f"{name}.swz"
     file.write_bytes(stream_file.read_bytes())
     assert list(_run_serve._served_streams(Serve((str(file),)), Protection()).served) == [name]
-    assert (f"{file}: clients cannot ask for '{name}'" in capsys.readouterr().err) == warned
+    error = capsys.readouterr().err
+    assert (f"clients cannot ask for '{one_line(name)}'" in error) == warned
+    assert error.count("\n") == warned
+    assert error.replace("\n", "").isprintable()
 
 
 def test_two_streams_of_one_name_are_refused(stream_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):

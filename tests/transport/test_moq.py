@@ -20,7 +20,7 @@ from splatwire.codec import encode_scene
 from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.lod import Viewpoint, encode_levels
 from splatwire.transport import ReceiverLimits, ReceiverOptions
-from splatwire.transport.address import Address
+from splatwire.transport.address import Address, parse_url
 from splatwire.types import SplatScene
 
 pytest.importorskip("moq", reason="the package moq-rs is not installed")
@@ -31,6 +31,7 @@ from splatwire.transport.moq.receiver import RelayReceiver, receive_relayed
 from splatwire.transport.protocol.events import Interrupted, Resumed
 from splatwire.transport.protocol.layout import init_segment
 from transport.moq_relay import moq_relay
+from transport.network import FailingCallbackError
 
 pytestmark = pytest.mark.slow
 
@@ -65,14 +66,31 @@ def far() -> Viewpoint:
 def test_streams_pass_a_relay_unchanged():
     async def work() -> None:
         async with moq_relay() as there:
-            for name, stream in (("levels", LEVELS), ("some/plain", encode_scene(SplatScene(some_splats(900))))):
-                async with published(stream, replace(there, name=name)):
-                    many = (receive_relayed(replace(there, name=name), ReceiverOptions(), TRUST) for _ in range(3))
+            plain = encode_scene(SplatScene(some_splats(900)))
+            for path, stream in (("levels", LEVELS), ("some%3F/plain", plain), ("a%2Fb%3Fc", plain)):
+                address = parse_url(f"moq://{there.authority}/{path}")
+                async with published(stream, address):
+                    many = (receive_relayed(address, ReceiverOptions(), TRUST) for _ in range(3))
                     for receiver in await asyncio.gather(*many):
                         assert receiver.finished.reason == "complete"
                         assert receiver.stream() == stream
 
     run(work)
+
+
+def test_the_url_of_a_session_is_encoded(monkeypatch):
+    """A `?` in a namespace would begin a query, and a slash in a name another part."""
+    urls = []
+
+    def client(url: str, **_: Any) -> None:
+        urls.append(url)
+        raise FailingCallbackError
+
+    monkeypatch.setattr(need_moq(), "Client", client)
+    for path in ("a%3Fb/scene", "a%2Fb", "x/y%23/a%2Fb"):
+        with pytest.raises(FailingCallbackError):
+            run(moq_publisher.session(parse_url(f"moq://relay/{path}"), TRUST).__aenter__)
+    assert urls == ["https://relay:443/a%3Fb", "https://relay:443/", "https://relay:443/x/y%23"]
 
 
 def test_receiver_requests_only_visible_tiles_from_a_relay():

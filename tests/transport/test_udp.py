@@ -343,6 +343,7 @@ def test_udp_addresses_are_parsed():
     assert parse_url("udp://example.org:1234/scene") == Address("example.org", 1234, "scene")
     assert parse_url("udp://h/my%20K%C3%BCche") == parse_url("udp://h/my Küche") == Address("h", 4840, "my Küche")
     assert parse_url("udp://h/100% real").name == "100% real"
+    assert parse_url("udp://h/a%2Fb").name == "a/b"
     assert parse_url("udp://[::1]") == Address("::1", DEFAULT_PORT)
     for wrong in (
         "http://x",
@@ -369,6 +370,25 @@ def test_names_that_no_host_can_have_are_refused(host: str) -> None:
         asyncio.run(resolve(Address(host, 1)))
     with pytest.raises(InvalidValueError, match=r"cannot listen on UDP port 0 of a.*no host name"):
         bound_socket(host, 0)
+
+
+def test_parts_of_relay_addresses_are_split_before_they_are_decoded() -> None:
+    for text, namespace, name, url in (
+        ("moq://relay/a%3Fb/scene", "a%3Fb", "scene", "moq://relay:443/a%3Fb/scene"),
+        ("moq://relay/a%2Fb", "", "a/b", "moq://relay:443/a%2Fb"),
+        ("moq://relay/x/a%2fb/my room%0A", "x/a%2Fb", "my room\n", "moq://relay:443/x/a%2Fb/my%20room%0A"),
+        ("moq://[::1]:4/Küche@1/100% a", "K%C3%BCche@1", "100% a", "moq://[::1]:4/K%C3%BCche@1/100%25%20a"),
+    ):
+        address = parse_url(text)
+        assert (address.namespace, address.name, address.url) == (namespace, name, url)
+        assert parse_url(url) == address
+    assert parse_url("udp://h/a%2Fb/c") == Address("h", 4840, "a/b/c")
+
+
+@pytest.mark.parametrize("name", ["a\nb", "a\u200db", "\udcff", "é" * 33])
+def test_names_that_servers_ignore_are_refused(name: str) -> None:
+    with pytest.raises(InvalidValueError, match="at most 64 bytes, all printable"):
+        ReceiverOptions(name)
 
 
 def test_all_addresses_of_a_name_are_found(monkeypatch: pytest.MonkeyPatch) -> None:

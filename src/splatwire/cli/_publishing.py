@@ -37,7 +37,7 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
         if json:
             print_json({"moq": url, "num_bytes": stream.num_bytes})
         else:
-            print(f"publishing at moq://{address.host}:{address.port}/{address.name} (Ctrl-C ends it)")
+            print(f"publishing at {address.url} (Ctrl-C ends it)")
         sys.stdout.flush()
 
     def warn(text: str) -> None:

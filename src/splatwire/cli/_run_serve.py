@@ -27,6 +27,7 @@ from splatwire.cli._listening import (
 )
 from splatwire.cli._protection import plan_of_file, protection_of
 from splatwire.cli._publishing import publish_stream
+from splatwire.cli._terminal import one_line
 from splatwire.cli.serve import Serve
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.transport import Protection, ServedStream, ServerLimits, make_served_stream
@@ -113,10 +114,10 @@ def _served_streams(command: Serve, protection: Protection, planned: int | None 
                 f"{other} and {path} are both called '{stream_name(path)}', by which clients ask: rename one"
             )
     for name, path in named.items():
-        if len(name.encode()) > MAX_NAME or not name.isprintable():
+        if not name.isprintable() or len(name.encode()) > MAX_NAME:
             print(
-                f"splatwire: warning: {path}: clients cannot ask for '{name}' over UDP and QUIC, where a name has at "
-                f"most {MAX_NAME} bytes, all printable: rename it",
+                f"splatwire: warning: {one_line(path)}: clients cannot ask for '{one_line(name)}' over UDP and QUIC, "
+                f"where a name has at most {MAX_NAME} bytes, all printable: rename it",
                 file=sys.stderr,
             )
     sources = {name: (path, read_stream(Path(path))[0].require_scene(path)) for name, path in named.items()}

@@ -1,11 +1,13 @@
 """Server addresses: parsing of `udp://`, `quic://` and `moq://` URLs."""
 
 from dataclasses import dataclass, field
-from urllib.parse import parse_qsl, unquote, urlsplit
+from urllib.parse import parse_qsl, quote, unquote, urlsplit
 
 from splatwire.errors import InvalidValueError, shown
 
 DEFAULT_PORT = 4840
+_SAFE = "!$&'()*+,;=:@"
+"""Characters that a part of a URL path may contain as they are (RFC 3986, 3.3), besides letters, digits and `-._~`."""
 PORTS = {"udp": DEFAULT_PORT, "quic": DEFAULT_PORT, "moq": 443}
 
 
@@ -19,6 +21,7 @@ class Address:
         name: Name of the requested stream; an empty name requests the server's first stream.
         scheme: `udp`, `quic`, or `moq` for a relay of Media over QUIC.
         token: Signed token that opens private scenes (`quic` only); empty without one.
+        namespace: Path of the relay that comes before the name (`moq` only), percent-encoded; empty without one.
     """
 
     host: str
@@ -26,6 +29,18 @@ class Address:
     name: str = ""
     scheme: str = "udp"
     token: str = field(default="", repr=False)
+    namespace: str = ""
+
+    @property
+    def authority(self) -> str:
+        """Host and port as in a URL."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+    @property
+    def url(self) -> str:
+        """URL of the stream without its token, percent-encoded."""
+        path = f"{self.namespace}/{quote(self.name, _SAFE)}".lstrip("/")
+        return f"{self.scheme}://{self.authority}/{path}"
 
 
 def check_port(port: int) -> None:
@@ -91,7 +106,10 @@ def parse_url(url: str) -> Address:
             f"'{without_token(url)}' with a token is not an address to receive from: tokens are for quic://, which is "
             "encrypted"
         )
-    name = unquote(parts.path.strip("/"))
+    path = parts.path.strip("/")
+    namespace, _, name = path.rpartition("/") if parts.scheme == "moq" else ("", "", path)
+    name = unquote(name)
     if parts.scheme == "moq" and not name:
         raise InvalidValueError(f"'{without_token(url)}' names no scene: moq://RELAY/NAME")
-    return Address(parts.hostname, PORTS[parts.scheme] if port is None else port, name, parts.scheme, token)
+    namespace = "/".join(quote(unquote(part), _SAFE) for part in namespace.split("/"))
+    return Address(parts.hostname, PORTS[parts.scheme] if port is None else port, name, parts.scheme, token, namespace)

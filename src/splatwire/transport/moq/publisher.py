@@ -84,7 +84,7 @@ async def session(address: Address, trust: RelayTrust, *, origin: Any = None) ->
     """Context manager that opens a session with a relay; yields the MoQ client and the scene's name at the relay.
 
     Args:
-        address: Address of the relay; the last part of `address.name` is the scene's name.
+        address: Address of the relay, and the scene's name.
         trust: Accepted certificates of the relay.
         origin: Broadcasts to publish (`moq.OriginProducer`); None to publish nothing.
 
@@ -92,10 +92,8 @@ async def session(address: Address, trust: RelayTrust, *, origin: Any = None) ->
         InvalidValueError: If no session can be opened.
     """
     moq = need_moq()
-    namespace, _, name = address.name.rpartition("/")
-    host = f"[{address.host}]" if ":" in address.host else address.host
     client = moq.Client(
-        f"https://{host}:{address.port}/{namespace}", tls_verify=not trust.insecure, websocket_enabled=False,
+        f"https://{address.authority}/{address.namespace}", tls_verify=not trust.insecure, websocket_enabled=False,
         tls_fingerprints=[trust.fingerprint] if trust.fingerprint else None, reconnect=False,
         tls_roots=[str(trust.authority)] if trust.authority else None, publish=origin,
     )  # fmt: skip
@@ -104,10 +102,10 @@ async def session(address: Address, trust: RelayTrust, *, origin: Any = None) ->
             await client.__aenter__()
     except (moq.Error, TimeoutError) as error:
         raise InvalidValueError(
-            f"no session with the relay {host}:{address.port}: {error_text(error) or 'no answer'}"
+            f"no session with the relay {address.authority}: {error_text(error) or 'no answer'}"
         ) from error
     try:
-        yield client, name
+        yield client, address.name
     finally:
         await client.__aexit__(None, None, None)
 
@@ -151,7 +149,7 @@ async def publish(
     After an interruption of the session with the relay, a new session is opened.
 
     Args:
-        address: Address of the relay; the last part of `address.name` is the scene's name.
+        address: Address of the relay, and the scene's name.
         stream: Complete stream to publish.
         trust: Accepted certificates of the relay.
         stop: Event that ends publishing.
@@ -169,7 +167,7 @@ async def publish(
     published: dict[str, Any] = {}
     num_bytes = 0
     origin = moq.OriginProducer()
-    broadcast = origin.create_broadcast(address.name.rpartition("/")[2])
+    broadcast = origin.create_broadcast(address.name)
     requests = broadcast.dynamic()
 
     async def answer() -> None:

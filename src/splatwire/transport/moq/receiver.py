@@ -283,7 +283,7 @@ async def receive_relayed(
     """Receives a stream from a relay of Media over QUIC.
 
     Args:
-        address: Address of the relay; the last part of `address.name` is the scene's name.
+        address: Address of the relay, and the scene's name.
         options: Options of the receiver.
         trust: Accepted certificates of the relay.
         on_event: Called with every event, such as an arrived packet.

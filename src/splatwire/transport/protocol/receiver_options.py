@@ -45,8 +45,8 @@ class ReceiverOptions:
             raise InvalidValueError(f"silence_s is above 0 seconds, {self.silence_s} is not")
         if not 0 <= self.reconnect_s < math.inf:
             raise InvalidValueError(f"reconnect_s is 0 or more seconds, {self.reconnect_s} is not")
-        if len(self.name.encode()) > MAX_NAME:
-            raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes")
+        if not self.name.isprintable() or len(self.name.encode()) > MAX_NAME:  # servers ignore such requests
+            raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes, all printable")
         if len(self.scene_token) > MAX_SCENE_TOKEN or not (
             self.scene_token.isascii() and self.scene_token.isprintable()
         ):
