@@ -374,6 +374,36 @@ def test_persistent_distant_origin_is_accepted_after_some_frames(tmp_path, origi
         assert np.allclose(means, np.sort(splats(100).means, axis=0), atol=0.01)
 
 
+def empty_frame(path: Path) -> None:
+    """Writes a file as this package does for an empty frame: one transparent Gaussian at 0."""
+    one = splats(1)
+    write_splats([Splats(np.zeros_like(one.means), one.quats, one.scales, np.zeros_like(one.opacities), one.sh)], path)
+
+
+@pytest.mark.parametrize("num_first", [0, 1, 2 * GROUP + 1])
+def test_empty_frames_among_frames_in_map_coordinates_do_not_choose_an_origin(tmp_path, num_first, caplog):
+    ids = itertools.count(7)
+    world = World(tmp_path / "in", LiveEncoder(SequenceOptions(Fraction(RATE), GROUP), lambda: next(ids)))
+    kinds = "e" * num_first + "fff" + "e" * (NUM_FRAMES_TO_ADOPT + 2) + "fff"
+    for number, kind in enumerate(kinds):
+        path = world.folder / f"frame_{number:04}.ply"
+        if kind == "e":
+            empty_frame(path)
+        else:
+            write_splats([splats(100)], path, origin=MAP)
+    world.end = 6.0
+    world.live.run()
+    assert all("no Gaussian that draws anything" in text for text in world.said)  # groups without any Gaussian
+    assert world.live.num_skipped == len(world.said) == num_first // GROUP
+    assert "from the origin" not in caplog.text
+    shown = [frame for frame in decoded(world.editions) if frame.scene.drawn().num_gaussians]
+    assert len(shown) == 6
+    for frame in shown:
+        assert np.abs(np.array(frame.scene.origin) - MAP).max() < 10
+        means = np.sort(frame.scene.drawn().means + (np.array(frame.scene.origin) - MAP), axis=0)
+        assert np.allclose(means, np.sort(splats(100).means, axis=0), atol=0.01)
+
+
 def test_frames_with_origins_near_each_other_are_one_stream(tmp_path):
     world = World(tmp_path / "in")
     for number in range(6):

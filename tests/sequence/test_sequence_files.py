@@ -14,7 +14,7 @@ from random_numbers import Numbers
 from splatwire.errors import DatasetError
 from splatwire.files.kinds import FOURDGS, SPLAT4D, file_kind
 from splatwire.io.formats import write_splats
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.content import FileContent, relative_to_first
 from splatwire.io.formats.dispatch import read_content
 from splatwire.sequence.frame_writer import write_frame_files
 from splatwire.sequence.frames import is_sequence, open_sequence
@@ -255,6 +255,36 @@ def test_frame_files_without_world_coordinates_have_one_origin(tmp_path, suffix,
     assert (len({content.origin for content in contents}) == 1) is same
     centres = [float(content.splats.means[:, 0].mean()) + content.origin[0] for content in contents]
     np.testing.assert_allclose(np.diff(centres), 2, atol=0.1)
+
+
+def test_an_empty_first_frame_does_not_choose_the_origin_of_frame_files(tmp_path):
+    (tmp_path / "in").mkdir()
+    (tmp_path / "out").mkdir()
+    for number in range(4):
+        splats = cloud(20, 0)
+        if number < 2:
+            splats = replace(splats.select(np.arange(1)), means=np.zeros((1, 3)), opacities=np.zeros(1))
+        write_splats([splats], tmp_path / "in" / f"{number}.ply", origin=(5e5 * (number >= 2), 0.0, 0.0))
+    write_frame_files(open_sequence(tmp_path / "in"), tmp_path / "out", ".spz", lambda *_: None)
+    contents = [read_content(path) for path in sorted((tmp_path / "out").iterdir())]
+    assert len(contents) == 4
+    for content in contents[2:]:
+        centre = np.median(content.splats.means.astype(np.float64), axis=0) + content.origin
+        np.testing.assert_allclose(centre, np.median(cloud(20, 0).means, axis=0) + np.array([5e5, 0, 0]), atol=1e-3)
+
+
+def test_frames_are_relative_to_the_first_visible_one():
+    visible = FileContent(cloud(20, 0), origin=(5e5, 0.0, 0.0))
+    clear = FileContent(replace(cloud(20, 0), opacities=np.zeros(20, np.float32)))
+    for frames in ([clear, visible], [visible, clear], [clear] * 3, []):
+        origins = [frame.origin for frame in relative_to_first(frames)]
+        assert origins == [visible.origin if visible in frames else clear.origin] * len(frames)
+    many = FileContent(clear.splats.select(np.zeros(1 << 19, np.int64)))
+    taken = []
+    for frame in relative_to_first(taken.append(0) or each for each in [many] * 5):
+        assert frame.origin == many.origin
+        break
+    assert len(taken) == 3
 
 
 @needs_splat4d

@@ -33,7 +33,8 @@ from splatwire.sequence.partial_tracks import TrackedFrame
 from splatwire.sequence.tracking import SECTION as TRACKING
 from splatwire.sequence.tracking import Tracker, TrackingReport
 from splatwire.types import SplatScene
-from splatwire.types.origin import describe_origin
+from splatwire.types.metadata import NO_METADATA, SceneMetadata
+from splatwire.types.origin import NO_ORIGIN, Origin, describe_origin
 from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
@@ -80,6 +81,8 @@ class SequenceEncoder:
         self._warned_kinds: set[str] = set()
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame_number = 0
+        self._is_origin_open = True  # until a frame is visible or, in a live sequence, a group is complete
+        self._view: tuple[SceneMetadata, Origin] = NO_METADATA, NO_ORIGIN  # initial view, and the origin of its points
         self._extent: BoundingSphere | None = None
         self._known_class_offsets: tuple[np.ndarray, np.ndarray] | None = None
         self._newest_key = -1
@@ -111,6 +114,7 @@ class SequenceEncoder:
             self._warned_of_harmonics,
         )
         other._warned_kinds = self._warned_kinds
+        other._is_origin_open, other._view = self._is_origin_open, self._view
         other._first_frame_number = other._num_frames = self._num_frames
         number = ByteWriter()
         number.unsigned(self._num_frames)
@@ -132,8 +136,9 @@ class SequenceEncoder:
         other = SequenceEncoder(self._options, self._choose_class_offsets, live=self._live)
         other._first_frame_number = other._num_frames = first_frame
         other._warned_of_harmonics, other._warned_kinds = self._warned_of_harmonics, self._warned_kinds
-        of_frames = (ANTIALIASING, ORIGIN_SECTION.name)  # those of the next frame replace them
-        other._sections = {name: data for name, data in self._sections.items() if name not in of_frames}
+        other._view = self._view
+        # The next frame states its antialiasing and origin.
+        other._sections = {name: data for name, data in self._sections.items() if name != ANTIALIASING}
         number = ByteWriter()
         number.unsigned(first_frame)
         if first_frame:
@@ -158,16 +163,22 @@ class SequenceEncoder:
                 f"a frame has harmonics of degree {checked_frame.splats.degree}, those before of {self._degree}"
             )
         if self._degree is None:
-            self._sections |= {
-                **antialiasing_sections(checked_frame.antialiased),
-                **ORIGIN_SECTION.sections(checked_frame.origin),
-            }
-            self._sections |= metadata_sections(checked_frame.metadata)
+            self._sections |= antialiasing_sections(checked_frame.antialiased)
+            if checked_frame.metadata.view is not None:
+                self._view = SceneMetadata(view=checked_frame.metadata.view), checked_frame.origin
+            elif not checked_frame.fits_origin(self._view[1]):  # that of another place, before a restart
+                self._view = NO_METADATA, NO_ORIGIN
+            self._set_origin(checked_frame)
+            self._sections |= metadata_sections(replace(checked_frame.metadata, view=None))
         origin = ORIGIN_SECTION.read(self._sections)
+        if self._is_origin_open and not checked_frame.fits_origin(origin):
+            self._set_origin(checked_frame)
+            origin = checked_frame.origin
+        self._is_origin_open &= not checked_frame.is_visible
         from_other_origin, checked_frame = checked_frame.origin != origin, checked_frame.relative_to(origin)
         self._warn_of_other_frame(checked_frame, from_other_origin=from_other_origin)
         self._degree = checked_frame.splats.degree
-        self._last_splats = checked_frame.splats
+        self._last_splats = checked_frame.splats if checked_frame.is_visible else None
         self._group_builder.add(self._tracker.add(checked_frame))
         self._num_frames += 1
         if len(self._group_builder) == self._options.group_frames:
@@ -177,6 +188,14 @@ class SequenceEncoder:
             self._tracks_encoder.fit_early(*self._group_builder.tracks_so_far())
         self._finish_deferred_work()
         return []
+
+    def _set_origin(self, frame: Frame) -> None:
+        """Makes the origin of a frame that of the sequence, and converts the initial view to it."""
+        for name in (ORIGIN_SECTION.name, INITIAL_VIEW):
+            self._sections.pop(name, None)
+        metadata, origin = self._view
+        self._sections |= ORIGIN_SECTION.sections(frame.origin)
+        self._sections |= metadata_sections(metadata.moved_origin(origin, frame.origin))
 
     def _warn_of_other_frame(self, frame: Frame, *, from_other_origin: bool) -> None:
         """Logs a warning if a frame does not fit the first frame of the sequence.
@@ -189,7 +208,7 @@ class SequenceEncoder:
             from_other_origin: True if the frame was converted from another origin.
         """
         is_new = from_other_origin and "position" not in self._warned_kinds
-        if is_new and (coarse := coarse_positions(frame.splats)) is not None:
+        if is_new and (coarse := coarse_positions(frame.splats.select(frame.drawn))) is not None:
             self._warned_kinds.add("position")
             LOG.warning(
                 "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
@@ -251,6 +270,7 @@ class SequenceEncoder:
 
     def _flush(self) -> list[Packet]:
         group, frames = self._collect_tracks(), self._group_builder.frames
+        self._is_origin_open &= not self._live
         self._frames_to_compare = frames[0], frames[-1]
         new = group.keys > self._newest_key
         self._newest_key = max(self._newest_key, int(group.keys[-1]) if len(group.keys) else -1)

@@ -30,11 +30,12 @@ from splatwire.files.kinds import (
 )
 from splatwire.files.names import path_of
 from splatwire.io.formats import format_of, read_rows_with_origin, read_splatv
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.content import FileContent, coarse_positions
 from splatwire.io.formats.splatv import MovingSplats
 from splatwire.reprs import summary_repr
 from splatwire.types import SplatScene
 from splatwire.types.background import BLACK, Background
+from splatwire.types.origin import Origin
 from splatwire.types.splats import Splats
 from splatwire.types.validity import ElementValidity, validity_of_splats
 
@@ -243,6 +244,20 @@ class Frame(FileContent):
             **properties: Other attributes of the frame: `origin`, `antialiased`, `metadata`.
         """
         return Frame(splats, drawn=validity.kept & (splats.opacities >= MIN_VISIBLE_OPACITY), **properties)
+
+    @property
+    def is_visible(self) -> bool:
+        """True if at least one Gaussian is visible."""
+        return bool(self.drawn.any())
+
+    def fits_origin(self, origin: Origin) -> bool:
+        """True if the positions of the visible Gaussians relative to an origin are precise in float32.
+
+        The result is True for the origin of the frame, and for a frame without visible Gaussians.
+        """
+        if origin == self.origin or not self.is_visible:
+            return True
+        return coarse_positions(self.relative_to(origin).splats.select(self.drawn)) is None
 
     def scene(self, background: Background = BLACK) -> SplatScene:
         """Returns the visible Gaussians as a scene."""

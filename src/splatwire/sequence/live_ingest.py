@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from splatwire.errors import MALFORMED, BackendUnavailableError, SplatwireError
-from splatwire.io.formats.content import coarse_positions
 from splatwire.sequence import SequenceOptions, read_frames
 from splatwire.sequence.frame_sources import (
     POLL_INTERVAL_S,
@@ -94,6 +93,7 @@ class LiveIngest:
         self._queue: deque[Path] = deque()
         self._drop_policy, self._unreadable = DropPolicy(self._rate, options.group_frames), UnreadableFrame()
         self._frame_kind: _FrameKind | None = None
+        self._has_visible = False  # of the frames with these properties
         self._num_of_other_kind, self._reason = 0, ""
         self.num_skipped = self.num_dropped = 0
 
@@ -188,8 +188,11 @@ class LiveIngest:
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
             return None
         kind = _kind_of(frame, self._frame_kind)
+        if self._frame_kind is not None and not self._has_visible and frame.is_visible:
+            self._adopt_first_origin(kind.origin)
         if self._frame_kind in (None, kind):
             self._frame_kind, self._num_of_other_kind = kind, 0
+            self._has_visible |= frame.is_visible
             return frame
         assert self._frame_kind is not None
         self._num_of_other_kind += 1
@@ -204,7 +207,15 @@ class LiveIngest:
         )
         self._encoder.restart()
         self._frame_kind, self._num_of_other_kind = kind, 0
+        self._has_visible = frame.is_visible
         return frame
+
+    def _adopt_first_origin(self, origin: Origin) -> None:
+        """Sets the origin to that of the first visible frame, after empty frames, which have no meaningful origin."""
+        assert self._frame_kind is not None
+        if origin != self._frame_kind.origin and self._encoder.num_frames >= self._options.group_frames:
+            self._encoder.restart()  # the header of the empty groups has another origin
+        self._frame_kind = self._frame_kind._replace(origin=origin)
 
     def _push(self, frame: Frame) -> bool:
         """Encodes a frame, and publishes the group of pictures if the frame completes it.
@@ -248,15 +259,9 @@ def _kind_of(frame: Frame, before: _FrameKind | None) -> _FrameKind:
     Args:
         frame: The frame.
         before: Properties of the frames before; None for the first frame. Their origin is the result's origin, too, if
-            the positions of the frame relative to it are precise.
+            the positions of the frame's visible Gaussians relative to it are precise.
     """
-    origin = frame.origin
-    if (
-        before is not None
-        and origin != before.origin
-        and coarse_positions(frame.relative_to(before.origin).splats) is None
-    ):
-        origin = before.origin
+    origin = frame.origin if before is None or not frame.fits_origin(before.origin) else before.origin
     return _FrameKind(frame.splats.degree, frame.antialiased, origin)
 
 

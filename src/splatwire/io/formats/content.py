@@ -18,6 +18,8 @@ _VISIBLE = 0.5
 """Ratio of the step of rounded positions to the median size of Gaussians above which rounding is visible."""
 _MIN_ROUNDED_SHARE, _SAMPLE = 0.05, 1 << 16
 """Minimum share of visibly rounded Gaussians for a warning, and maximum number of Gaussians that are examined."""
+_MAX_HELD = 1 << 20
+"""Maximum number of transparent Gaussians of frames that are held until a frame is visible."""
 Content = TypeVar("Content", bound="FileContent")
 
 
@@ -36,6 +38,11 @@ class FileContent(CheckedFields):
     origin: Origin = NO_ORIGIN
     antialiased: bool = False
     metadata: SceneMetadata = NO_METADATA
+
+    @property
+    def is_visible(self) -> bool:
+        """True if at least one Gaussian is not transparent."""
+        return bool((self.splats.opacities > 0).any())
 
     def relative_to(self: Content, origin: Origin) -> Content:
         """Returns the same Gaussians and metadata with positions relative to another origin."""
@@ -57,11 +64,24 @@ class FileContent(CheckedFields):
 
 
 def relative_to_first(frames: Iterable[Content]) -> Iterator[Content]:
-    """Yields the frames of a sequence with positions relative to the origin of the first frame."""
-    origin = None
+    """Yields the frames of a sequence with positions relative to the origin of the first visible frame.
+
+    Empty frames before it are held until it is known; of many transparent Gaussians, those of the first frame choose
+    the origin.
+    """
+    origin, held, num_held = None, list[Content](), 0
     for frame in frames:
-        origin = frame.origin if origin is None else origin
-        yield frame.relative_to(origin)
+        if origin is None:
+            held.append(frame)
+            num_held += frame.splats.num_gaussians
+            if not frame.is_visible and num_held <= _MAX_HELD:
+                continue
+            origin = (frame if frame.is_visible else held[0]).origin
+            yield from (each.relative_to(origin) for each in held)
+            held.clear()
+        else:
+            yield frame.relative_to(origin)
+    yield from (frame.relative_to(held[0].origin) for frame in held)
 
 
 def origin_of_placed(parts: Sequence[tuple[Splats, np.ndarray, np.ndarray]]) -> Origin:
