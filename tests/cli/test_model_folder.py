@@ -1,6 +1,7 @@
 """Verbs for Gaussians accept a 3DGS model folder with its cameras.json."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,7 @@ from splat_io.formats.handmade import some_splats
 from splatwire.anchors.appearance import antialiased
 from splatwire.io import open_scene
 from splatwire.io.formats import is_antialiased, write_splats
+from splatwire.io.formats.dispatch import read_content
 from splatwire.types.background import BLACK, WHITE
 
 
@@ -91,12 +93,16 @@ def test_a_ply_of_gsplat_has_the_antialiasing_of_its_training(tmp_path, text, ex
 
 
 @pytest.mark.parametrize("name", ["point_cloud/iteration_30000/deformation.pth", "deform/iteration_30000/deform.pth"])
-def test_networks_that_move_the_gaussians_give_a_warning(model, caplog, name):
+def test_networks_that_move_the_gaussians_give_a_warning(model, caplog, monkeypatch, name):
     open_scene(model)
     assert not caplog.text
     (model / name).parent.mkdir(parents=True, exist_ok=True)
     (model / name).touch()
     open_scene(model)
+    assert "moves the Gaussians in the course of time and is not read" in caplog.text
+    caplog.clear()
+    monkeypatch.chdir(model / "point_cloud" / "iteration_30000")
+    read_content(Path("point_cloud.ply"))
     assert "moves the Gaussians in the course of time and is not read" in caplog.text
 
 

@@ -21,9 +21,12 @@ test("invisible characters are left out and long texts are cut", () => {
 });
 
 test("characters that scripts and emoji need are kept", () => {
-  for (const title of ["\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u0645", "\u{1f468}\u200d\u{1f469}", "\u{1fae8}"]) {
+  const scotland = "\u{1f3f4}\u{e0067}\u{e0062}\u{e0073}\u{e0063}\u{e0074}\u{e007f}",
+    persian = "\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u0645";
+  for (const title of [persian, "\u{1f468}\u200d\u{1f469}", "\u{1fae8}", `a ${scotland} b`]) {
     assert.equal(textsOf(section(JSON.stringify({ title }))).title, title);
   }
+  assert.equal(textsOf(section(JSON.stringify({ title: scotland.slice(0, -2) }))).title, "\u{1f3f4}");
 });
 
 test("damaged metadata are no texts", () => {

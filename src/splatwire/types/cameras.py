@@ -20,7 +20,7 @@ NEAR_DEPTH = 0.2
 MAX_SKEW = 1e-3
 """Maximum skew, pixels, and maximum deviation of the other constant entries of intrinsics."""
 MAX_POSE_ERROR = 1e-2
-"""Maximum deviation of a pose matrix from a rigid transform, in any entry."""
+"""Maximum deviation of R R^T from the identity, and of the last row of a pose matrix from 0, 0, 0, 1, in any entry."""
 
 
 def check_size(width: int, height: int) -> None:

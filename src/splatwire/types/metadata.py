@@ -25,6 +25,11 @@ _JOINERS = "\u200c\u200d"
 """Invisible characters that Persian, Indic scripts and emoji need between visible ones."""
 _LOOSE_JOINERS = re.compile(f"(?<!\\S)[{_JOINERS}]+|[{_JOINERS}]+(?!\\S)|(?<=[{_JOINERS}])[{_JOINERS}]+")
 """Pattern of such characters that are not between two visible ones."""
+_FLAGS = re.compile("(\U0001f3f4[\U000e0030-\U000e0039\U000e0061-\U000e007a]{3,6}\U000e007f)")
+"""Pattern of flags such as that of Scotland: a black flag, and the code of the region in invisible tag characters."""
+_CUT_FLAG = re.compile("\U0001f3f4[\U000e0030-\U000e007a]+$")
+_MAX_READ = 1 << 16
+"""Maximum number of characters of a text that are examined, invisible ones included."""
 Vector = tuple[float, float, float]
 
 
@@ -169,14 +174,16 @@ def metadata_from_json(content: object, source: object = None) -> SceneMetadata:
 
 
 def warn_of_long_texts(content: Mapping[str, object], source: object) -> None:
-    """Logs a warning about each text of metadata that is too long and will be cut.
+    """Logs a warning about each text of metadata that will be cut.
+
+    Characters that `clean_text` leaves out do not count.
 
     Args:
         content: Metadata as a JSON object.
         source: Name of their source, for the message.
     """
     for name in _TEXTS:
-        if len(clean_text(content.get(name), MAX_TEXT + 1)) > MAX_TEXT:
+        if _is_cut(content.get(name)):
             LOG.warning("%s: '%s' of its metadata is longer than %d characters and cut", source, name, MAX_TEXT)
 
 
@@ -238,10 +245,24 @@ def clean_text(value: object, max_length: int = MAX_TEXT) -> str:
     """
     if not isinstance(value, str):
         return ""
-    start = value[: 4 * MAX_TEXT]
-    text = "".join(" " if unicodedata.category(char) in ("Cc", "Zl", "Zp") else char for char in start)
-    text = "".join(char for char in text if char in _JOINERS or not _is_invisible(char))
-    return " ".join(_LOOSE_JOINERS.sub("", text).split())[:max_length].strip(f" {_JOINERS}")
+    return _CUT_FLAG.sub("", _one_line(value)[:max_length]).strip(f" {_JOINERS}")
+
+
+def _one_line(value: str) -> str:
+    """Returns the first `_MAX_READ` characters of a text as one line without control and invisible characters."""
+    parts = _FLAGS.split(value[:_MAX_READ])  # flags are the parts with odd indices
+    text = "".join(part if index % 2 else _without_invisible(part) for index, part in enumerate(parts))
+    return " ".join(_LOOSE_JOINERS.sub("", text).split())
+
+
+def _without_invisible(text: str) -> str:
+    spaced = "".join(" " if unicodedata.category(char) in ("Cc", "Zl", "Zp") else char for char in text)
+    return "".join(char for char in spaced if char in _JOINERS or not _is_invisible(char))
+
+
+def _is_cut(value: object) -> bool:
+    """True if `clean_text` leaves out the end of a text."""
+    return isinstance(value, str) and (len(value) > _MAX_READ or len(_one_line(value)) > MAX_TEXT)
 
 
 def _is_invisible(char: str) -> bool:

@@ -225,8 +225,12 @@ def test_metadata_texts_are_one_printable_line() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u0645", "\U0001f468\u200d\U0001f469", "\U0001fae8 \U0001fbff"]
-)
+    "text",
+    [
+        "\u0645\u06cc\u200c\u062e\u0648\u0627\u0647\u0645", "\U0001f468\u200d\U0001f469", "\U0001fae8 \U0001fbff",
+        "a \U0001f3f4\U000e0067\U000e0062\U000e0073\U000e0063\U000e0074\U000e007f b", "\U0001f3f4 \U0001f3f4",
+    ],
+)  # fmt: skip
 def test_characters_that_scripts_and_emoji_need_are_kept(text: str) -> None:
     assert clean_text(text) == text
 
@@ -236,6 +240,33 @@ def test_joiners_are_left_out_where_they_join_nothing() -> None:
     assert clean_text("\u200d") == ""
     assert clean_text("a" * (MAX_TEXT - 1) + "\u200db") == "a" * (MAX_TEXT - 1)
     assert clean_text("a\ufffe\ufdd0b") == "ab"
+
+
+def test_tags_that_are_no_flag_are_left_out() -> None:
+    scotland = "\U0001f3f4\U000e0067\U000e0062\U000e0073\U000e0063\U000e0074\U000e007f"
+    assert clean_text("a" + scotland[1:]) == "a"
+    assert clean_text(scotland[:-1]) == "\U0001f3f4"
+    assert clean_text("\U0001f3f4" + "\U000e0067" * 20 + "\U000e007f") == "\U0001f3f4"
+    assert clean_text("a" * (MAX_TEXT - 3) + scotland) == "a" * (MAX_TEXT - 3)
+
+
+@pytest.mark.parametrize(
+    ("text", "kept"),
+    [
+        ("x" * 500 + " rest", "x" * 500),
+        ("\u200b" * 1500 + "x" * 700, "x" * 500),
+        ("\u200b" * 100_000, ""),
+        ("x" * 499 + "\u200dx", "x" * 499),
+        ("\u200b" * 1900 + "x" * 200, None),
+        ("x" * 500 + " \u200b" * 700, None),
+    ],
+)
+def test_each_text_that_loses_characters_gives_a_warning(
+    text: str, kept: str | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    found = metadata_to_json(SceneMetadata(text))["title"]
+    assert found == (text.replace("\u200b", "").strip() if kept is None else kept)
+    assert bool(caplog.text) is (kept is not None)
 
 
 @pytest.mark.parametrize("end", ENDS)
@@ -319,6 +350,35 @@ def test_xmp_packets_of_gltf_are_read(
     )
     assert read_content(path).metadata == expected
     assert not caplog.text
+
+
+@pytest.mark.parametrize(
+    ("asset", "expected"),
+    [
+        ({"copyright": "(c) Ana"}, "CC0; (c) Ana"),
+        ({"copyright": "CC0"}, "CC0"),
+        ({"copyright": "Ana, MIT", "extras": {"author": "Ana", "license": "MIT"}}, "MIT; CC0"),
+        ({"extras": {"license": "MIT"}, "copyright": "(c) Ana"}, "MIT; CC0; (c) Ana"),
+    ],
+)
+def test_rights_in_xmp_are_joined_with_the_license_and_copyright_of_a_gltf_asset(
+    asset: dict[str, object], expected: str, tmp_path: Path
+) -> None:
+    document = {
+        "asset": {"version": "2.0", "extensions": {"KHR_xmp_json_ld": {"packet": 0}}, **asset},
+        "extensions": {"KHR_xmp_json_ld": {"packets": [XMP]}},
+    }
+    assert read_content(write(tmp_path / "a.glb", glb(some_splats(5, 0), document))).metadata.license == expected
+
+
+def test_long_texts_in_xmp_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    document = {
+        "asset": {"version": "2.0", "extensions": {"KHR_xmp_json_ld": {"packet": 0}}},
+        "extensions": {"KHR_xmp_json_ld": {"packets": [{"dc:title": "x" * 700}]}},
+    }
+    content = read_content(write(tmp_path / "a.glb", glb(some_splats(5, 0), document)))
+    assert content.metadata.title == "x" * MAX_TEXT
+    assert "'title' of its metadata is longer than 500 characters" in caplog.text
 
 
 def test_gltf_asset_contains_the_copyright_notice(tmp_path: Path) -> None:

@@ -311,6 +311,8 @@ def test_comments_without_effect_on_the_positions_give_no_warning(
         ("UP: 0 0 1", "z"), ("Y_UP", "y"), ("up: sideways", None), ("up 0 0.5 0.5", None),
         ("Vertical axis: y", "-y"), ("Vertical axis: +y", "y"), ("Vertical axis: 0.013 -0.9987 0.0488", "-y"),
         ("Vertical axis: 0.02 0.05 -0.998", "z"), ("Vertical axis: 0 0 1", "z"), ("Vertical axis: 0.99 0.1 0", None),
+        ("Vertical axis: y.", "-y"), ("vertical axis: y;", "-y"), ("Vertical axis: 0.02 0.05 -0.998;", "z"),
+        ("Vertical axis: 1 0 0", "x"), ("Vertical axis: 0 0.7 0.7", None), ("Vertical axis: z.", "z"),
     ],
 )  # fmt: skip
 def test_the_axis_that_is_up_has_several_notations(comment: str, up: str | None, tmp_path: Path) -> None:

@@ -6,7 +6,14 @@ from typing import Any
 
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats._placement import warn_of_unused_fields
-from splatwire.types.metadata import NO_METADATA, SceneMetadata, clean_text, metadata_from_json, metadata_to_json
+from splatwire.types.metadata import (
+    MAX_TEXT,
+    NO_METADATA,
+    SceneMetadata,
+    clean_text,
+    metadata_from_json,
+    metadata_to_json,
+)
 from splatwire.types.origin import NO_ORIGIN, Origin, check_origin
 from splatwire.version import __version__
 
@@ -46,25 +53,33 @@ def asset_of(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> dict[str, A
     }
 
 
-def metadata_of_asset(asset: object, path: Path) -> SceneMetadata:
+def metadata_of_asset(asset: object, path: Path, rights: str = "") -> SceneMetadata:
     """Parses the metadata of a glTF or SOG `asset` object; logs a warning about invalid fields.
+
+    Different statements about the license are joined: the license, `rights` and the copyright notice.
 
     Args:
         asset: The object.
         path: The file, for warnings.
+        rights: License or copyright notice that another part of the file states; empty if there is none.
     """
     if not isinstance(asset, dict):
-        return NO_METADATA
+        return SceneMetadata(license=rights)
     extras_value = asset.get("extras")
     extras = extras_value if isinstance(extras_value, dict) else {}
     own_fields = extras.get(_OWN)
     texts = {name: extras[name] for name in _TEXTS if name in extras}
-    stated = [text for name in ("author", "license") if (text := clean_text(texts.get(name)))]
-    copyright_notice = clean_text(asset.get("copyright"))
-    if copyright_notice and copyright_notice not in (*stated, clean_text(", ".join(stated))):
-        license_text = clean_text(texts.get("license"))
-        texts["license"] = f"{license_text}; {copyright_notice}" if license_text else asset["copyright"]
+    stated = [text for name in ("author", "license") if (text := _joinable(texts.get(name)))]
+    notice = _joinable(asset.get("copyright"))
+    licenses = [_joinable(texts.get("license")), rights, "" if notice in (*stated, ", ".join(stated)) else notice]
+    if different := list(dict.fromkeys(filter(None, licenses))):
+        texts["license"] = "; ".join(different)
     return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts, path)
+
+
+def _joinable(value: object) -> str:
+    """Returns a text as one line, which is not cut before it is joined with others."""
+    return clean_text(value, 4 * MAX_TEXT)
 
 
 def metadata_of_xmp(document: dict[str, Any], path: Path) -> SceneMetadata:
@@ -99,7 +114,7 @@ def _xmp_texts(value: object) -> list[str]:
         if isinstance(value, dict):
             value = next((value[key] for key in _XMP_VALUES if key in value), None)
     entries = value if isinstance(value, list) else [value]
-    texts = [clean_text(entry.get("@value") if isinstance(entry, dict) else entry) for entry in entries]
+    texts = [_joinable(entry.get("@value") if isinstance(entry, dict) else entry) for entry in entries]
     return [text for text in dict.fromkeys(texts) if text]
 
 

@@ -5,6 +5,7 @@ and colours.
 """
 
 import logging
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -172,7 +173,7 @@ def warn_of_files_beside(path: Path) -> None:
     They state a shift of the positions (Pix4D, Metashape, DJI Terra), or are networks of a moving scene in a model
     folder (4DGaussians, Deformable 3D Gaussians).
     """
-    folder = path.parent
+    folder = Path(os.path.abspath(path)).parent  # a relative path may not contain the names of folders
     beside = [folder / name for name in (f"{path.stem}_offset.xyz", "offset.xyz", f"{path.stem}_origin.json")]
     file_names = [file.name for file in beside if file.is_file()]
     survey = folder / "metadata.xml"

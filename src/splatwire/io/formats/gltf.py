@@ -210,8 +210,9 @@ class _Gltf:
                 "%s: %s stretches its Gaussians: their shape follows, and their harmonics only turn",
                 self._path, described_nodes(stretched),
             )  # fmt: skip
-        metadata = metadata_of_asset(self._document.get("asset"), self._path)
-        metadata = metadata.over(metadata_of_xmp(self._document, self._path)).moved_origin(NO_ORIGIN, origin)
+        of_xmp = metadata_of_xmp(self._document, self._path)
+        metadata = metadata_of_asset(self._document.get("asset"), self._path, of_xmp.license)
+        metadata = metadata.over(of_xmp).moved_origin(NO_ORIGIN, origin)
         return FileContent(concatenate(moved), origin, antialiased, metadata)
 
     def _is_antialiased(self, primitives_by_mesh: dict[int, list[dict[str, Any]]]) -> bool:
@@ -453,7 +454,8 @@ class _Gltf:
         if code not in _COMPONENTS or _TYPES.get(accessor["type"]) != width:
             raise DatasetError(f"{self._path}: attribute {name} is no plain array of {width} numbers per Gaussian")
         dtype = np.dtype(_COMPONENTS[code])
-        # integer positions are those of KHR_mesh_quantization
+        # Integers that are not normalised: KHR_mesh_quantization permits them for positions, KHR_gaussian_splatting
+        # for scales.
         whole = name in ("POSITION", f"{EXTENSION}:SCALE") and not accessor.get("normalized")
         if dtype.kind != "f" and not accessor.get("normalized") and not whole:
             raise DatasetError(f"{self._path}: attribute {name} has integers that are not normalised")

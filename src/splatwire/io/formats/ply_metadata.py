@@ -65,7 +65,9 @@ _UP = re.compile(
 _VERTICAL_Y = re.compile(r"vertical[-_ ]axis(?:\s*[:=]\s*|\s+)y", re.IGNORECASE)
 """Comment of Brush about a scene in the axes of 3DGS, in which y is vertical and points down."""
 _VERTICAL_VECTOR = re.compile(r"vertical[-_ ]axis\s*[:=]\s*(.*\d.*)", re.IGNORECASE)
-"""Comment of Brush with a vector for its viewer: z is that of the up direction, negated, and x is not reliable."""
+"""Comment of Brush with a vector for its viewer. A vector within 37 degrees of z is read as the opposite direction,
+one near y as it is, and one near x as no axis, because x of these vectors is not reliable. Vectors that are exactly a
+coordinate axis, such as `0 0 1`, are those of other programs and read as they are."""
 _MIN_UP_SHARE = 0.8
 """Smallest share of a vector's length along the axis that it names, for an angle of 37 degrees."""
 
@@ -164,14 +166,18 @@ def names_up(comment: str) -> bool:
 
 
 def named_up(comment: str) -> str | None:
-    """Returns the up axis that a PLY comment states, such as `-y`; None if the comment states no axis."""
-    if _VERTICAL_Y.fullmatch(comment.strip()):
+    """Returns the up axis that a PLY comment states, such as `-y`; None if the comment states no axis.
+
+    `Vertical axis: y` and its vectors have the meaning that Brush gives them.
+    """
+    text = comment.strip().rstrip(".;, ")
+    if _VERTICAL_Y.fullmatch(text):
         return "-y"
-    match = _UP.fullmatch(comment.strip().rstrip(".;,"))
+    match = _UP.fullmatch(text)
     if match is None:
         return None
     axis = _axis((match[1] or match[2]).strip())
-    vector = _VERTICAL_VECTOR.fullmatch(comment.strip())
+    vector = _VERTICAL_VECTOR.fullmatch(text)
     numbers = None if vector is None else _numbers(vector[1])
     if axis is None or numbers is None or sorted(map(abs, numbers)) == [0, 0, 1]:
         return axis
