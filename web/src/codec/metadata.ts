@@ -5,12 +5,10 @@ const MAX_TEXT = 500;
 /** Largest size of the section, bytes. */
 const MAX_BYTES = 1 << 16;
 const SPACES = /[\p{Cc}\p{Zl}\p{Zp}]/gu;
-/**
- * Invisible characters, which can reorder or hide others; not the joiners, which scripts and emoji need. A match with
- * a group is a flag with the code of a region in invisible tag characters, which stays.
- */
-const INVISIBLE =
-  /(\u{1f3f4}[\u{e0030}-\u{e0039}\u{e0061}-\u{e007a}]{3,6}\u{e007f})|(?![\u200c\u200d])[\p{Cf}\p{Cs}\p{Co}\p{Noncharacter_Code_Point}]/gu;
+/** Invisible characters, which can reorder or hide others; not the joiners, which scripts and emoji need. */
+const INVISIBLE = /(?![\u200c\u200d])[\p{Cf}\p{Cs}\p{Co}\p{Noncharacter_Code_Point}]/gu;
+/** Flags with the code of a region in invisible tag characters, which stay. */
+const FLAGS = /(\u{1f3f4}[\u{e0030}-\u{e0039}\u{e0061}-\u{e007a}]{3,6}\u{e007f})/u;
 
 export interface Texts {
   readonly title: string;
@@ -37,6 +35,7 @@ function parsed(section: Uint8Array | undefined): Record<string, unknown> {
 /** Returns a text as one line without control characters; empty if the value is no text. */
 function clean(value: unknown): string {
   if (typeof value !== "string") return "";
-  const visible = value.replace(SPACES, " ").replace(INVISIBLE, "$1");
+  const parts = value.replace(SPACES, " ").split(FLAGS); // flags are the parts with odd indices
+  const visible = parts.map((part, index) => (index % 2 ? part : part.replace(INVISIBLE, ""))).join("");
   return [...visible.split(/\s+/).filter(Boolean).join(" ")].slice(0, MAX_TEXT).join("").trim();
 }
