@@ -17,8 +17,9 @@ from splatwire.codec import ProgressiveDecoder
 from splatwire.codec.schema import CodedPackets
 from splatwire.reprs import summary_repr
 from splatwire.sequence import SequenceEncoder, SequenceOptions, TrackingReport
-from splatwire.transport import Welcomed
+from splatwire.transport import Receiver, Welcomed, make_served_stream
 from splatwire.types import LossMask
+from transport.network import datagram_stream
 
 PUBLIC: list[str] = vars(splatwire)["__all__"]
 
@@ -118,6 +119,15 @@ def test_deprecated_size_of_an_init_segment_warns_and_gives_the_new_value():
     welcomed = Welcomed(num_packets=3, init_segment_bytes=500)
     with pytest.warns(DeprecationWarning, match="use init_segment_bytes"):
         assert welcomed.head_bytes == 500
+
+
+def test_deprecated_attributes_of_transfers_warn_and_give_the_new_value():
+    with pytest.warns(DeprecationWarning, match="use was_live"):
+        assert Receiver(1, 0.0).is_live is False
+    pytest.importorskip("raptorq", reason="the package raptorq is not installed")
+    stream = make_served_stream(datagram_stream(num_anchors=50))
+    with pytest.warns(DeprecationWarning, match="use max_packet_bytes"):
+        assert stream.packet_bytes == stream.max_packet_bytes > 0
 
 
 def test_public_names_do_not_shadow_packages():

@@ -27,7 +27,8 @@ next datagram of their clients.
 class LocalAddresses:
     """Receives and sends datagrams of sockets that are bound to all addresses.
 
-    Each datagram to a client is sent from the local address to which the client has sent its last one.
+    Each datagram to a client is sent from the local address to which the client has sent its last one, as long as that
+    address is stored (`_MAX_CLIENTS`).
 
     Args:
         sockets: The sockets, all of one family.

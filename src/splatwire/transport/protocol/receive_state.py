@@ -1,5 +1,7 @@
 """State of a transfer on the receiver: the stream as far as it has been received."""
 
+import warnings
+
 from splatwire.bitstream import Manifest, ReadReport, SceneStream
 from splatwire.transport.protocol.collect import InitSegmentCollector, PacketCollector
 from splatwire.transport.protocol.events import Finished
@@ -98,6 +100,12 @@ class ReceiveState:
     def was_live(self) -> bool:
         """True if the stream is a live stream, or was one until it ended."""
         return self._was_live
+
+    @property
+    def is_live(self) -> bool:
+        """Deprecated name of `was_live`."""
+        warnings.warn("Receiver.is_live is deprecated, use was_live", DeprecationWarning, stacklevel=2)
+        return self.was_live
 
     @property
     def num_missed(self) -> int:

@@ -3,6 +3,7 @@
 import functools
 import hashlib
 import math
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -123,6 +124,12 @@ class ServedStream:
     is_live: bool = False
 
     __repr__ = summary_repr
+
+    @property
+    def packet_bytes(self) -> int:
+        """Deprecated name of `max_packet_bytes`."""
+        warnings.warn("ServedStream.packet_bytes is deprecated, use max_packet_bytes", DeprecationWarning, stacklevel=2)
+        return self.max_packet_bytes
 
     @functools.cached_property
     def send_schedule(self) -> SendSchedule:
