@@ -187,8 +187,7 @@ def test_positions_of_small_scenes_in_splat4d_are_as_precise_as_their_gaussians(
 
 @pytest.mark.parametrize("end", [".4dgs", pytest.param(".splat4d", marks=needs_splat4d)])
 @pytest.mark.parametrize("far", [1e7, 1e12, 1e30])
-@pytest.mark.parametrize("count", [20, 100, 200])
-@pytest.mark.parametrize("shape", [(1, 1, 1), (1, 0.1, 0.1)])
+@pytest.mark.parametrize(("count", "shape"), [(20, (1, 1, 1)), (100, (1, 0.1, 0.1)), (200, (1, 0.1, 0.1))])
 def test_a_gaussian_beyond_the_range_of_a_format_is_moved_with_a_warning(tmp_path, caplog, end, far, count, shape):
     pytest.importorskip("fourdgs", reason="fourdgs is not installed")
 
