@@ -272,6 +272,23 @@ def test_an_empty_first_frame_does_not_choose_the_origin_of_frame_files(tmp_path
         np.testing.assert_allclose(centre, np.median(cloud(20, 0).means, axis=0) + np.array([5e5, 0, 0]), atol=1e-3)
 
 
+def test_an_empty_first_frame_does_not_choose_the_origin_of_a_file(tmp_path):
+    pytest.importorskip("pxr")
+    empty = FileContent(replace(cloud(20, 0), opacities=np.zeros(20, np.float32)))
+    write([empty, FileContent(cloud(20, 0), origin=(5e5, 4e6, 0.0))], tmp_path / "a.usdc")
+    *_, last = open_sequence(tmp_path / "a.usdc").read()
+    assert last.origin == (5e5, 4e6, 0.0)
+    order = nearest(last.splats, cloud(20, 0))
+    np.testing.assert_allclose(last.splats.means[order], cloud(20, 0).means, atol=0.01)
+
+
+@needs_splat4d
+def test_an_origin_that_a_file_cannot_hold_is_that_of_the_first_visible_frame(tmp_path, caplog):
+    empty = FileContent(replace(cloud(20, 0), opacities=np.zeros(20, np.float32)))
+    write([empty, FileContent(cloud(20, 0), origin=(5e5, 4e6, 0.0))], tmp_path / "a.splat4d")
+    assert "origin (500000, 4000000, 0)" in caplog.text
+
+
 def test_frames_are_relative_to_the_first_visible_one():
     visible = FileContent(cloud(20, 0), origin=(5e5, 0.0, 0.0))
     clear = FileContent(replace(cloud(20, 0), opacities=np.zeros(20, np.float32)))

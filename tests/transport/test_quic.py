@@ -125,7 +125,7 @@ def test_a_server_is_found_at_any_of_its_addresses(monkeypatch, first):
 
             monkeypatch.setattr(client, "resolve", resolved)
             monkeypatch.setattr(client, "connected_socket", connected)
-            monkeypatch.setattr(client, "ADDRESS_TIMEOUT_S", 0.5)
+            monkeypatch.setattr(client, "ADDRESS_TIMEOUT_S", 2.0)
             accepted = []
             accept = server.accept
             monkeypatch.setattr(server, "accept", lambda connection: (accepted.append(connection), accept(connection)))
@@ -142,22 +142,22 @@ def test_a_server_is_found_at_any_of_its_addresses(monkeypatch, first):
 
 
 def test_silent_addresses_follow_each_other_without_a_pause(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(client, "ADDRESS_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(client, "ADDRESS_TIMEOUT_S", 2.0)
     for pause in ("MIN_PAUSE_S", "MAX_PAUSE_S"):
         monkeypatch.setattr(client, pause, 1000.0)
 
     async def work() -> None:
         async with serving() as server:
-            targets = [(f"127.0.0.{number}", server.port) for number in (2, 3, 4, 1)]
+            targets = [(f"127.0.0.{number}", server.port) for number in (2, 3, 1)]
 
             async def resolved(_: Address) -> list[tuple[socket.AddressFamily, Any]]:
                 return [(socket.AF_INET, target) for target in targets]
 
             monkeypatch.setattr(client, "resolve", resolved)
             with ExitStack() as silent:
-                for target in targets[:3]:
+                for target in targets[:2]:
                     silent.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(target)
-                assert (await fetch(server.port)).finished.reason == "complete"
+                assert (await asyncio.wait_for(fetch(server.port), 60)).finished.reason == "complete"
 
     run(work())
 

@@ -27,6 +27,10 @@ test("characters that scripts and emoji need are kept", () => {
     assert.equal(textsOf(section(JSON.stringify({ title }))).title, title);
   }
   assert.equal(textsOf(section(JSON.stringify({ title: scotland.slice(0, -2) }))).title, "\u{1f3f4}");
+  for (const length of [494, 497, 499]) {
+    const title = "a".repeat(length);
+    assert.equal(textsOf(section(JSON.stringify({ title: title + scotland }))).title, title);
+  }
 });
 
 test("damaged metadata are no texts", () => {

@@ -12,13 +12,14 @@ from splatwire.cli._terminal import one_line
 from splatwire.errors import InvalidValueError
 from splatwire.transport.address import parse_url
 from splatwire.transport.moq.publisher import need_moq, publish
+from splatwire.transport.protocol.receiver_options import check_stream_name
 
 
 async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: bool) -> None:
     """Publishes a stream to a relay until the process is stopped.
 
     Args:
-        url: Address of the relay and name of the broadcast: https://RELAY[:PORT]/NAME.
+        url: Address of the relay and name of the broadcast: https://RELAY[:PORT][/PATH]/NAME.
         path: Path of the stream.
         trust: Options that determine which relay certificates are accepted.
         json: True to print a JSON object when the relay is connected.
@@ -30,6 +31,7 @@ async def publish_stream(url: str, path: Path, trust: TrustOptions, *, json: boo
     if not url.startswith(("https://", "moq://")):
         raise InvalidValueError(f"'{url}' is no relay such as https://RELAY/NAME")
     address = parse_url(f"moq://{url.partition('://')[2]}")
+    check_stream_name(address.name)  # receivers refuse others
     need_moq()
     stream = read_stream(path)[0].require_scene(path)
 

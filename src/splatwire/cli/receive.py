@@ -17,7 +17,7 @@ class Receive:
     """Receive a stream over UDP or QUIC; the packets received before a deadline form a scene or its preview."""
 
     url: tyro.conf.Positional[str]
-    """udp://HOST[:PORT][/NAME], quic://HOST[:PORT][/NAME][?token=TOKEN] or moq://RELAY[:PORT]/NAME."""
+    """udp://HOST[:PORT][/NAME], quic://HOST[:PORT][/NAME][?token=TOKEN] or moq://RELAY[:PORT][/PATH]/NAME."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
     """Stream to write: one file if the name ends in .swz (or is -), otherwise a folder of packets. Live clips: a folder
     with one PLY per frame, written as soon as the frame is complete; with .swz one file per period, the last one under

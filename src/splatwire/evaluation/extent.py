@@ -1,4 +1,7 @@
-"""Position, size and antialiasing of scenes, by which files of different scenes, or drawn differently, are noticed."""
+"""Position, size and antialiasing of scenes.
+
+Comparing them reveals that two files contain different scenes, or are drawn differently.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path

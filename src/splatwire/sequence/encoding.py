@@ -81,7 +81,7 @@ class SequenceEncoder:
         self._warned_kinds: set[str] = set()
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame_number = 0
-        self._is_origin_open = True  # until a frame is visible or, in a live sequence, a group is complete
+        self._is_origin_open = True  # until a frame is visible
         self._view: tuple[SceneMetadata, Origin] = NO_METADATA, NO_ORIGIN  # initial view, and the origin of its points
         self._extent: BoundingSphere | None = None
         self._known_class_offsets: tuple[np.ndarray, np.ndarray] | None = None
@@ -211,7 +211,7 @@ class SequenceEncoder:
         if is_new and (coarse := coarse_positions(frame.splats.select(frame.drawn))) is not None:
             self._warned_kinds.add("position")
             LOG.warning(
-                "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the first frame (%s), where "
+                "frame %d: %.3g %% of the Gaussians are up to %.6g from the origin of the sequence (%s), where "
                 "positions have steps of up to %.2g, more than half of their size: all frames lose precision: "
                 "use coordinates relative to one point near all frames", self._num_frames, 100 * coarse[0], coarse[1],
                 describe_origin(ORIGIN_SECTION.read(self._sections)), coarse[2],

@@ -104,8 +104,8 @@ def write_frames(
 def write_frame_files(sequence: Sequence, folder: Path, suffix: str, report: Report) -> int:
     """Writes one file of explicit Gaussians per frame of a sequence, and returns the number of files.
 
-    If a format has no world coordinates, all files have the origin of the first frame: other programs do not read
-    origins, and would draw frames with different ones at different places.
+    If a format has no world coordinates, all files have the origin of the first visible frame: other programs do not
+    read origins, and would draw frames with different ones at different places.
 
     Args:
         sequence: The frames.

@@ -188,7 +188,9 @@ class LiveIngest:
             self._skip(f"{path}: none of its {count:,} Gaussians can be drawn")
             return None
         kind = _kind_of(frame, self._frame_kind)
-        if self._frame_kind is not None and not self._has_visible and frame.is_visible:
+        before = self._frame_kind
+        has_only_new_origin = before is not None and kind._replace(origin=before.origin) == before
+        if has_only_new_origin and not self._has_visible and frame.is_visible:
             self._adopt_first_origin(kind.origin)
         if self._frame_kind in (None, kind):
             self._frame_kind, self._num_of_other_kind = kind, 0
@@ -214,7 +216,7 @@ class LiveIngest:
         """Sets the origin to that of the first visible frame, after empty frames, which have no meaningful origin."""
         assert self._frame_kind is not None
         if origin != self._frame_kind.origin and self._encoder.num_frames >= self._options.group_frames:
-            self._encoder.restart()  # the header of the empty groups has another origin
+            self._encoder.restart()  # so that no empty frame has chosen an origin
         self._frame_kind = self._frame_kind._replace(origin=origin)
 
     def _push(self, frame: Frame) -> bool:

@@ -12,7 +12,7 @@ from splatwire.concealment.temporal.concealers import DEFAULT
 from splatwire.errors import InvalidValueError
 from splatwire.files.kinds import FOURDGS, SPLAT4D, USD, Kind
 from splatwire.files.scene_formats import FileFormat
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.content import FileContent, relative_to_first
 from splatwire.io.formats.dispatch import storable_properties
 from splatwire.sequence.decoding import decode_frames
 from splatwire.sequence.frames import Sequence
@@ -44,9 +44,9 @@ class SequenceFormat:
         return int(write(self._checked(frames, path), path, rate))
 
     def _checked(self, frames: Iterable[FileContent], path: Path) -> Iterator[FileContent]:
-        """Yields the frames unchanged. Logs which properties of the first frame the file format cannot store."""
+        """Yields the frames relative to the origin of the first visible one. Logs what the file format cannot store."""
         form = FileFormat(self.name, "a sequence", write_options=self.write_options)
-        for number, frame in enumerate(frames):
+        for number, frame in enumerate(relative_to_first(frames)):
             if not number:
                 storable_properties(
                     form, path, antialiased=frame.antialiased, origin=frame.origin, metadata=frame.metadata

@@ -75,7 +75,8 @@ def without_token(url: str) -> str:
 def parse_url(url: str) -> Address:
     """Parses a server URL.
 
-    Its forms are `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME][?token=TOKEN]` and `moq://RELAY[:PORT]/NAME`.
+    Its forms are `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME][?token=TOKEN]` and
+    `moq://RELAY[:PORT][/PATH]/NAME`.
     NAME is the name of the requested stream, in which characters may be percent-encoded. The default port is 4840, or
     443 for `moq`.
 

@@ -27,7 +27,6 @@ _LOOSE_JOINERS = re.compile(f"(?<!\\S)[{_JOINERS}]+|[{_JOINERS}]+(?!\\S)|(?<=[{_
 """Pattern of such characters that are not between two visible ones."""
 _FLAGS = re.compile("(\U0001f3f4[\U000e0030-\U000e0039\U000e0061-\U000e007a]{3,6}\U000e007f)")
 """Pattern of flags such as that of Scotland: a black flag, and the code of the region in invisible tag characters."""
-_CUT_FLAG = re.compile("\U0001f3f4[\U000e0030-\U000e007a]+$")
 _MAX_READ = 1 << 16
 """Maximum number of characters of a text that are examined, invisible ones included."""
 Vector = tuple[float, float, float]
@@ -245,7 +244,11 @@ def clean_text(value: object, max_length: int = MAX_TEXT) -> str:
     """
     if not isinstance(value, str):
         return ""
-    return _CUT_FLAG.sub("", _one_line(value)[:max_length]).strip(f" {_JOINERS}")
+    text, end = _one_line(value), max_length
+    for flag in _FLAGS.finditer(text):
+        if flag.start() < end < flag.end():
+            end = flag.start()  # a part of a flag would be another flag
+    return text[:end].strip(f" {_JOINERS}")
 
 
 def _one_line(value: str) -> str:

@@ -247,7 +247,9 @@ def test_tags_that_are_no_flag_are_left_out() -> None:
     assert clean_text("a" + scotland[1:]) == "a"
     assert clean_text(scotland[:-1]) == "\U0001f3f4"
     assert clean_text("\U0001f3f4" + "\U000e0067" * 20 + "\U000e007f") == "\U0001f3f4"
-    assert clean_text("a" * (MAX_TEXT - 3) + scotland) == "a" * (MAX_TEXT - 3)
+    for length in range(MAX_TEXT - 6, MAX_TEXT):
+        assert clean_text("a" * length + scotland) == "a" * length
+    assert clean_text("a" * (MAX_TEXT - 7) + scotland) == "a" * (MAX_TEXT - 7) + scotland
 
 
 @pytest.mark.parametrize(
@@ -359,6 +361,7 @@ def test_xmp_packets_of_gltf_are_read(
         ({"copyright": "CC0"}, "CC0"),
         ({"copyright": "Ana, MIT", "extras": {"author": "Ana", "license": "MIT"}}, "MIT; CC0"),
         ({"extras": {"license": "MIT"}, "copyright": "(c) Ana"}, "MIT; CC0; (c) Ana"),
+        ({"extras": {"license": "CC0"}, "copyright": "CC0"}, "CC0"),
     ],
 )
 def test_rights_in_xmp_are_joined_with_the_license_and_copyright_of_a_gltf_asset(
@@ -369,6 +372,14 @@ def test_rights_in_xmp_are_joined_with_the_license_and_copyright_of_a_gltf_asset
         "extensions": {"KHR_xmp_json_ld": {"packets": [XMP]}},
     }
     assert read_content(write(tmp_path / "a.glb", glb(some_splats(5, 0), document))).metadata.license == expected
+
+
+def test_a_copyright_notice_among_several_rights_in_xmp_is_stated_once(tmp_path: Path) -> None:
+    document = {
+        "asset": {"version": "2.0", "extensions": {"KHR_xmp_json_ld": {"packet": 0}}, "copyright": "(c) Ana"},
+        "extensions": {"KHR_xmp_json_ld": {"packets": [{"dc:rights": ["CC0", "(c) Ana"]}]}},
+    }
+    assert read_content(write(tmp_path / "a.glb", glb(some_splats(5, 0), document))).metadata.license == "CC0; (c) Ana"
 
 
 def test_long_texts_in_xmp_give_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

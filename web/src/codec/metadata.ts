@@ -9,6 +9,8 @@ const SPACES = /[\p{Cc}\p{Zl}\p{Zp}]/gu;
 const INVISIBLE = /(?![\u200c\u200d])[\p{Cf}\p{Cs}\p{Co}\p{Noncharacter_Code_Point}]/gu;
 /** Flags with the code of a region in invisible tag characters, which stay. */
 const FLAGS = /(\u{1f3f4}[\u{e0030}-\u{e0039}\u{e0061}-\u{e007a}]{3,6}\u{e007f})/u;
+/** Part of a flag at the end of a text that was cut, which would be another flag. */
+const CUT_FLAG = /\u{1f3f4}[\u{e0030}-\u{e007a}]*$/u;
 
 export interface Texts {
   readonly title: string;
@@ -37,5 +39,7 @@ function clean(value: unknown): string {
   if (typeof value !== "string") return "";
   const parts = value.replace(SPACES, " ").split(FLAGS); // flags are the parts with odd indices
   const visible = parts.map((part, index) => (index % 2 ? part : part.replace(INVISIBLE, ""))).join("");
-  return [...visible.split(/\s+/).filter(Boolean).join(" ")].slice(0, MAX_TEXT).join("").trim();
+  const characters = [...visible.split(/\s+/).filter(Boolean).join(" ")],
+    text = characters.slice(0, MAX_TEXT).join("");
+  return (characters.length > MAX_TEXT ? text.replace(CUT_FLAG, "") : text).trim();
 }

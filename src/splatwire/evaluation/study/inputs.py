@@ -335,9 +335,7 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
-    """Logs a warning if the reference seems to show another scene, or only one of both is drawn antialiased.
-
-    Position and size suggest another scene.
+    """Logs a warning if position or size suggests another scene, or only one of the two is drawn antialiased.
 
     The result of the comparison is stored. Empty scenes are not compared.
 

@@ -128,7 +128,7 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
             files: dict[str, int] = {}
             if (native := native_parts(entry)) is not None:
                 columns[NATIVE], files[NATIVE] = native, native_attribute_files(entry)
-            for row in study.rows:
+            for row in (row for row in study.rows if not row.decoded):
                 if row.variant not in streams:
                     LOG.warning(
                         "scene '%s': row '%s' is left out: the scene cannot be packed so, or its sections are absent "

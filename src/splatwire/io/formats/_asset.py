@@ -71,14 +71,18 @@ def metadata_of_asset(asset: object, path: Path, rights: str = "") -> SceneMetad
     texts = {name: extras[name] for name in _TEXTS if name in extras}
     stated = [text for name in ("author", "license") if (text := _joinable(texts.get(name)))]
     notice = _joinable(asset.get("copyright"))
-    licenses = [_joinable(texts.get("license")), rights, "" if notice in (*stated, ", ".join(stated)) else notice]
+    licenses = [
+        _joinable(texts.get("license")),
+        *rights.split("; "),
+        "" if notice in (*stated, ", ".join(stated)) else notice,
+    ]
     if different := list(dict.fromkeys(filter(None, licenses))):
         texts["license"] = "; ".join(different)
     return metadata_from_json((own_fields if isinstance(own_fields, dict) else {}) | texts, path)
 
 
 def _joinable(value: object) -> str:
-    """Returns a text as one line, which is not cut before it is joined with others."""
+    """Returns a text as one line, of more than `MAX_TEXT` characters, because others may be joined to it."""
     return clean_text(value, 4 * MAX_TEXT)
 
 

@@ -23,7 +23,7 @@ from splatwire.io.formats._axes import flip_axes as flipped
 from splatwire.io.formats._columns import join
 from splatwire.io.formats._usd_process import FRAMES, SCENE, TIMES, read_in_process
 from splatwire.io.formats._usd_stage import KEPT_AXES, OWN, reason
-from splatwire.io.formats.content import FileContent
+from splatwire.io.formats.content import FileContent, relative_to_first
 from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.splats import Splats
@@ -110,15 +110,16 @@ def write_usd_frames(frames: Iterable[FileContent], path: Path, rate: float) -> 
     """Writes a sequence as one prim with a time sample for each frame; returns the number of frames.
 
     Args:
-        frames: Frames, all with the same degree of harmonics. The file gets origin and metadata of the first frame.
+        frames: Frames, all with the same degree of harmonics. The file gets the origin of the first visible frame, and
+            the metadata of the first frame.
         path: The file, written atomically.
         rate: Frames per second.
     """
     writer, count = None, 0
-    for count, frame in enumerate(frames, 1):
+    for count, frame in enumerate(relative_to_first(frames), 1):
         if writer is None:
             writer = _Writer(frame.origin, frame.metadata, frame.splats.degree, rate)
-        writer.put(frame.relative_to(writer.origin).splats, Usd.TimeCode(count - 1))
+        writer.put(frame.splats, Usd.TimeCode(count - 1))
     if writer is None:
         raise DatasetError(f"{path}: a sequence without frames cannot be written")
     writer.save(path)
@@ -126,14 +127,10 @@ def write_usd_frames(frames: Iterable[FileContent], path: Path, rate: float) -> 
 
 
 class _Writer:
-    """Writer of an OpenUSD scene: a stage in memory with one prim (object) for all Gaussians.
-
-    Attributes:
-        origin: World coordinates that positions are relative to.
-    """
+    """Writer of an OpenUSD scene: a stage in memory with one prim (object) for all Gaussians."""
 
     def __init__(self, origin: Origin, metadata: SceneMetadata, degree: int, rate: float | None = None) -> None:
-        self.origin, self._rate, self._last = origin, rate, 0.0
+        self._rate, self._last = rate, 0.0
         upright = metadata.up in ("y", "z")
         self._flips = KEPT_AXES if upright else SPZ_FLIPS
         self._stage = stage = Usd.Stage.CreateInMemory()

@@ -45,9 +45,18 @@ class ReceiverOptions:
             raise InvalidValueError(f"silence_s is above 0 seconds, {self.silence_s} is not")
         if not 0 <= self.reconnect_s < math.inf:
             raise InvalidValueError(f"reconnect_s is 0 or more seconds, {self.reconnect_s} is not")
-        if not self.name.isprintable() or len(self.name.encode()) > MAX_NAME:  # servers ignore such requests
-            raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes, all printable")
+        check_stream_name(self.name)
         if len(self.scene_token) > MAX_SCENE_TOKEN or not (
             self.scene_token.isascii() and self.scene_token.isprintable()
         ):
             raise InvalidValueError(f"a token for private scenes is printable ASCII of at most {MAX_SCENE_TOKEN} bytes")
+
+
+def check_stream_name(name: str) -> None:
+    """Checks that requests can contain the name of a stream: servers ignore others.
+
+    Raises:
+        InvalidValueError: If the name is longer than `MAX_NAME` bytes, or not printable.
+    """
+    if not name.isprintable() or len(name.encode()) > MAX_NAME:
+        raise InvalidValueError(f"the name of a stream has at most {MAX_NAME} bytes, all printable")
