@@ -5,6 +5,7 @@ import gc
 import random
 import tracemalloc
 from collections.abc import Callable
+from typing import Any
 
 import pytest
 
@@ -115,8 +116,8 @@ def test_a_transfer_completes_while_both_ends_are_flooded(monkeypatch):
     clients, said = [], []
 
     class Seen(quic_client._Client):
-        def __init__(self, *arguments: object) -> None:
-            super().__init__(*arguments)
+        def __init__(self, *arguments: Any, **options: Any) -> None:
+            super().__init__(*arguments, **options)
             clients.append(self)
 
     monkeypatch.setattr(quic_client, "_Client", Seen)
