@@ -1,7 +1,7 @@
 // Written by `npm run native` from `native/gaussians.c`.
 
 /** SHA-256 of the source and of the script, one after the other. */
-export const SOURCE_DIGEST = "a218a8190a56b2425ec3416582dee9a57066c380a8784503e966282affb1ea8f";
+export const SOURCE_DIGEST = "fd67e40865ca6d0860fae5886979eb004d06c547be86dd25d5216b8388cd410c";
 /** Module in WebAssembly, as text. */
 export const MODULE =
   "-%V&8&2.---.%K;%U.&D.&D%U1&D&D&D&D.&D%U.&D-%U3&D&D&D&D&D&D.&D%U.&A.&A%U.&D.&C%U-.&C%U0&D&D&D.&D%U0&D&D&D-%U/" +
