@@ -88,7 +88,7 @@ def test_frames_far_from_the_first_one_give_one_warning(frames, caplog):
         [Frame.of(frame, origin=(0.0, 0.0, 0.0) if n in (1, 2) else origin) for n, frame in enumerate(frames[:4])],
         OPTIONS,
     )
-    assert caplog.text.count("from the origin of the first frame (451234 5411876 118)") == 1
+    assert caplog.text.count("from the origin of the sequence (451234 5411876 118)") == 1
     assert "frame 1: 100 % of the Gaussians are up to 5.41" in caplog.text
 
 
