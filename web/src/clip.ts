@@ -4,6 +4,7 @@
 import startReceiver, { notStarted } from "worker:receiver";
 import type { Viewpoint } from "./codec/decoder.ts";
 import { ClipClock, type FrameClock, LiveClock } from "./frame_clock.ts";
+import type { ListenerMethod } from "./listener_method.ts";
 import type { Packed } from "./render/packed.ts";
 import { sourceOf } from "./transport/failover.ts";
 import type { FromWorker, StreamInfo, ToWorker } from "./transport/messages.ts";
@@ -44,16 +45,6 @@ export interface ClipEvents {
   readonly error: CustomEvent<string>;
 }
 
-/** Type of `addEventListener` and `removeEventListener`. */
-interface ListenerMethod<Options> {
-  <Name extends keyof ClipEvents>(
-    type: Name,
-    listener: (this: Clip, event: ClipEvents[Name]) => unknown,
-    options?: boolean | Options,
-  ): void;
-  (type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | Options): void;
-}
-
 /** Properties of a stream that do not change. */
 type SequenceStreamInfo = StreamInfo & { readonly sequence: NonNullable<StreamInfo["sequence"]> };
 
@@ -64,8 +55,8 @@ type SequenceStreamInfo = StreamInfo & { readonly sequence: NonNullable<StreamIn
  * be received. The `detail` of `lost` and `error` is the reason, a string.
  */
 export class Clip extends EventTarget {
-  declare addEventListener: ListenerMethod<AddEventListenerOptions>;
-  declare removeEventListener: ListenerMethod<EventListenerOptions>;
+  declare addEventListener: ListenerMethod<Clip, ClipEvents, AddEventListenerOptions>;
+  declare removeEventListener: ListenerMethod<Clip, ClipEvents, EventListenerOptions>;
   /** True if playback continues with the first frame after the last one. Without effect on live clips. */
   loop = false;
   readonly #clock: FrameClock;

@@ -46,8 +46,8 @@ class Train:
     growth_interval: int | None = None
     """Iterations between changes of the set of anchors. Default: in proportion to --iterations, at least 50."""
     refine: int | None = None
-    """Steps of refitting the context model at the end, which saves 1 % to 4 % of the bytes; 0 for none. Default: a
-    quarter of the iterations, at most 600."""
+    """Steps of refitting the context model at the end, which saves a few percent of the bytes with --model hacpp; 0 for
+    none. Default: a quarter of the iterations, at most 600."""
     loss: tuple[str, ...] = ()
     """Loss models that the scene is trained for, as in `transmit` (bernoulli:0.2, gilbert:0.2,20), or first:SHARE, in
     which only the most important share of the anchors arrives. Of several, one is drawn for each iteration with loss.

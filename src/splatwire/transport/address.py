@@ -7,7 +7,7 @@ from splatwire.errors import InvalidValueError, shown
 
 DEFAULT_PORT = 4840
 _SAFE = "!$&'()*+,;=:@"
-"""Characters that a part of a URL path may contain as they are (RFC 3986, 3.3), besides letters, digits and `-._~`."""
+"""Characters that need no encoding in a part of a URL path, besides letters, digits and `-._~` (RFC 3986, 3.3)."""
 PORTS = {"udp": DEFAULT_PORT, "quic": DEFAULT_PORT, "moq": 443}
 
 
@@ -76,9 +76,8 @@ def parse_url(url: str) -> Address:
     """Parses a server URL.
 
     Its forms are `udp://HOST[:PORT][/NAME]`, `quic://HOST[:PORT][/NAME][?token=TOKEN]` and
-    `moq://RELAY[:PORT][/PATH]/NAME`.
-    NAME is the name of the requested stream, in which characters may be percent-encoded. The default port is 4840, or
-    443 for `moq`.
+    `moq://RELAY[:PORT][/PATH]/NAME`. NAME is the name of the requested stream, in which characters may be
+    percent-encoded. The default port is 4840, or 443 for `moq`.
 
     Raises:
         InvalidValueError: If the text is not such a URL.

@@ -1,6 +1,7 @@
 // Element <splat-wire src="https://host/streams/scene.swz">, which receives and draws a stream. `controller.ts`
 // implements it.
 
+import type { ListenerMethod } from "../listener_method.ts";
 import { checkCamera, type FixedCamera } from "../model/camera.ts";
 import type { WebGLRenderer } from "../render/webgl_renderer.ts";
 import { applyStyles } from "./apply_styles.ts";
@@ -30,16 +31,6 @@ const REFLECTED = [
 /** Interfaces of browsers without which the element does not start. Test environments such as jsdom lack some. */
 const NEEDED = ["Worker", "ResizeObserver", "IntersectionObserver", "matchMedia"];
 
-/** Type of `addEventListener` and `removeEventListener`. */
-interface ListenerMethod<Options> {
-  <Name extends keyof SplatWireEventMap>(
-    type: Name,
-    listener: (this: SplatWire, event: SplatWireEventMap[Name]) => unknown,
-    options?: boolean | Options,
-  ): void;
-  (type: string, listener: EventListenerOrEventListenerObject | null, options?: boolean | Options): void;
-}
-
 export class SplatWire extends Base {
   static readonly observedAttributes = [...REFLECTED, "data", "autorotate", "max-gaussians", "updates"];
   /** URL of the stream. */
@@ -66,8 +57,8 @@ export class SplatWire extends Base {
   /** Limits of the camera: four numbers, see docs/browser.md. The empty string means none. */
   declare cameraLimits: string;
 
-  declare addEventListener: ListenerMethod<AddEventListenerOptions>;
-  declare removeEventListener: ListenerMethod<EventListenerOptions>;
+  declare addEventListener: ListenerMethod<SplatWire, SplatWireEventMap, AddEventListenerOptions>;
+  declare removeEventListener: ListenerMethod<SplatWire, SplatWireEventMap, EventListenerOptions>;
 
   static {
     for (const name of REFLECTED)

@@ -92,7 +92,7 @@ class Failover {
     this.#address = source.session;
   }
 
-  /** Progress of the file besides packets: `HttpFile.numBegun`. */
+  /** Progress that is not counted in packets, see `HttpFile.numBegun`. */
   get numBegun(): number {
     return this.#file.numBegun;
   }

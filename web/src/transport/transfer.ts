@@ -97,7 +97,7 @@ export class Transfer {
   readonly #nackCounts = new Map<number, number>();
   /** True if the stream was live when the transfer began. The requests for each packet are then limited. */
   #beganLive = false;
-  /** Stream id of the previous period, whose late welcome messages are ignored. */
+  /** Stream id of the previous period. Its late welcome messages are ignored. */
   #previousPeriodId: number | null = null;
   #largestSequence = -1;
   #largestAt: number;

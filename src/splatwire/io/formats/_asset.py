@@ -28,7 +28,7 @@ _XMP = ("KHR_xmp_json_ld", "KHR_xmp")
 _XMP_FIELDS = (("title", "dc:title"), ("author", "dc:creator"), ("license", "dc:rights"))
 """Fields of metadata and the XMP properties that they are read from."""
 _XMP_VALUES, _MAX_XMP_DEPTH = ("@value", "@list", "@set", "rdf:_1"), 4
-"""Keys of the values of XMP properties, and how deep they are searched."""
+"""Keys of the values of XMP properties, and the maximum depth of the search for them."""
 
 
 def asset_of(metadata: SceneMetadata, origin: Origin = NO_ORIGIN) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def metadata_of_asset(asset: object, path: Path, rights: str = "") -> SceneMetad
 
 
 def _joinable(value: object) -> str:
-    """Returns a text as one line, of more than `MAX_TEXT` characters, because others may be joined to it."""
+    """Returns a text as one line. It is cut at `4 * MAX_TEXT` characters only, because others may be joined to it."""
     return clean_text(value, 4 * MAX_TEXT)
 
 

@@ -21,8 +21,8 @@ iterations. With these gains the size approaches the target without oscillation.
 INITIAL_EXCESS, FINAL_EXCESS = 0.12, 0.007
 """Allowed excess over the target size, as a share of the target, at the first measurement and at the end of training.
 
-The excess at the end is the share of bytes that the final refinement of the causal model saves. The excess at the start
-is larger because a scene that has become too small hardly grows again: removed anchors cannot be improved any more."""
+The excess at the end leaves room for the bytes that the final refinement saves. The excess at the start is larger
+because a scene that has become too small hardly grows again: removed anchors cannot be improved any more."""
 MAX_LOG_LAMBDA_CHANGE = math.log(64)
 """Maximum absolute change of the natural logarithm of lambda from the configured value."""
 MEASUREMENTS_PER_ENCODING = 6

@@ -115,7 +115,7 @@ class PageContent:
     updates: Mapping[str, ServedStream | bytes] = field(default_factory=dict)
     downloads: Downloads | None = None
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False)
-    _facts: dict[str, "_StreamFacts"] = field(default_factory=dict, init=False, repr=False)
+    _facts: dict[str, _StreamFacts] = field(default_factory=dict, init=False, repr=False)
     _tags: dict[int, str] = field(default_factory=dict, init=False, repr=False)
 
     def respond_now(self, head: bytes) -> Response:
@@ -377,7 +377,7 @@ class PageContent:
         stream = self.streams[name]
         return dict(self._facts_of(name, stream).preview_attributes) if isinstance(stream, ServedStream) else {}
 
-    def _facts_of(self, name: str, stream: ServedStream) -> "_StreamFacts":
+    def _facts_of(self, name: str, stream: ServedStream) -> _StreamFacts:
         """Returns facts about a stream; reads them from its side information at the first call for the stream only."""
         facts = self._facts.get(name)
         if facts is None or facts.stream is not stream:

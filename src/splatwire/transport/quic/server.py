@@ -209,7 +209,7 @@ class QuicServer(SocketServer):
         """Closes the connection of a client after an internal error of the server.
 
         Args:
-            client: The client, or the connection in whose handling the error occurred.
+            client: The client; or a connection, if the error occurred while it was handled.
         """
         connection = client.connection if isinstance(client, ConnectedClient) else client
         assert isinstance(connection, _Connection)
