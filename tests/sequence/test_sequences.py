@@ -285,6 +285,19 @@ def test_options_are_checked_before_frames_are_read(options, message):
     assert SequenceOptions(background=(0.0, 0.5, 1.0), up="-x").up == "-x"
 
 
+@pytest.mark.parametrize(
+    ("rate", "fraction"), [(25, (25, 1)), (29.97, (2997, 100)), (30000 / 1001, (30000, 1001)), (12.5, (25, 2))]
+)
+def test_frame_rates_may_be_any_numbers(rate, fraction):
+    assert SequenceOptions(rate=rate).rate == Fraction(*fraction)
+
+
+@pytest.mark.parametrize("rate", [0, -1, 1001, float("nan"), float("inf")])
+def test_impossible_frame_rates_are_refused(rate):
+    with pytest.raises(InvalidValueError, match=r"1000 frames a second|rate: expected .* not nan"):
+        SequenceOptions(rate=rate)
+
+
 def test_arbitrary_payload_bytes_decode_without_an_error(stream):
     """Packets with valid checksums and random bytes give no error, no hang and finite values."""
     rng = np.random.default_rng(5)

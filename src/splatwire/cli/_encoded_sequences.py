@@ -3,14 +3,13 @@
 import logging
 import time
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 
 from splatwire.bitstream import write_stream
 from splatwire.cli._files import output_path
 from splatwire.cli._output import print_json, print_summary, progress_bars
 from splatwire.cli._scenes import chosen_background
-from splatwire.cli._sequence_options import MAX_DENOMINATOR, sequence_options
+from splatwire.cli._sequence_options import sequence_options
 from splatwire.cli.encode import Encode
 from splatwire.sequence import encode_sequence, open_sequence
 from splatwire.sequence.description import describe_sequence
@@ -27,7 +26,7 @@ def encode_sequence_of(command: Encode, source: Path) -> None:
         if sequence.num_frames == 1 and source.is_dir():
             LOG.warning("%s: has one frame, of which a clip is made: name the file in it for a still", command.scene)
         if command.fps is None and sequence.rate is not None:
-            options = replace(options, rate=Fraction(sequence.rate).limit_denominator(MAX_DENOMINATOR))
+            options = replace(options, rate=sequence.rate)
         stream, tracking = encode_sequence(
             sequence.read(),
             replace(options, order=sequence.order),

@@ -1,15 +1,10 @@
 """Encoder options of a clip, for `splatwire encode` and `splatwire live`."""
 
-from fractions import Fraction
-
 from splatwire.cli._options import quality_option
 from splatwire.codec.gaussians.quality import quality_of
 from splatwire.errors import InvalidValueError
 from splatwire.sequence.options import FRAME_RATE, GROUP_FRAMES, SequenceOptions
 from splatwire.types.background import BLACK, Background
-
-MAX_DENOMINATOR = 1001
-"""Maximum denominator of a frame rate as a fraction; 29.97 frames per second are 30000 / 1001."""
 
 
 def sequence_options(
@@ -30,8 +25,8 @@ def sequence_options(
     """
     if fps is not None and not 0.01 <= fps <= 1000:
         raise InvalidValueError(f"--fps takes 0.01 to 1000 frames a second, not {fps:g}")
-    rate = FRAME_RATE if fps is None else Fraction(fps).limit_denominator(MAX_DENOMINATOR)
     return SequenceOptions(
-        rate, GROUP_FRAMES if group is None else group, quality=quality_of(quality_option(quality or "default")),
+        FRAME_RATE if fps is None else fps, GROUP_FRAMES if group is None else group,
+        quality=quality_of(quality_option(quality or "default")),
         background=BLACK if background is None else background, up=up,
     )  # fmt: skip

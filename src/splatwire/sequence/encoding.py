@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 
@@ -91,7 +92,7 @@ class SequenceEncoder:
     def _new_tracks_encoder(self) -> TracksEncoder:
         options = self._options
         return TracksEncoder(
-            options.rate, options.group_frames, quality_of(options.quality), options.background,
+            Fraction(options.rate), options.group_frames, quality_of(options.quality), options.background,
             threads=options.threads or allowed_threads(),
         )  # fmt: skip
 

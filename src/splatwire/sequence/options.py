@@ -15,6 +15,8 @@ GROUP_FRAMES = 15
 state it."""
 FRAME_RATE = Fraction(30)
 """Default frame rate, frames per second."""
+_MAX_DENOMINATOR = 1001
+"""Maximum denominator of a frame rate that is not given as a fraction."""
 FRAME_ORDERS = ("auto", "tracked", "shuffled")
 """Values of `SequenceOptions.order`."""
 
@@ -24,7 +26,7 @@ class SequenceOptions:
     """Encoder options of a sequence.
 
     Attributes:
-        rate: Frames per second.
+        rate: Frames per second. Numbers other than a `Fraction` are rounded to one with a denominator of up to 1001.
         group_frames: Length of a group of pictures (GOP) in frames. The loss of a motion packet affects at most this
             number of frames; a live stream is delayed by one group.
         order: Order of Gaussians: `tracked` if the i-th Gaussian is the same in all frames, `shuffled` if not, `auto`
@@ -40,7 +42,7 @@ class SequenceOptions:
         UnknownNameError: If there is no such order, quality or axis.
     """
 
-    rate: Fraction = FRAME_RATE
+    rate: Fraction | int | float = FRAME_RATE
     group_frames: int = GROUP_FRAMES
     order: str = "auto"
     quality: str | int | float | Quality = "default"
@@ -59,6 +61,8 @@ class SequenceOptions:
             raise UnknownNameError("up axis", self.up, ("auto", *UP_AXES))
         if not 0 < self.rate <= MAX_FRAME_RATE:
             raise InvalidValueError(f"a clip has up to {MAX_FRAME_RATE} frames a second, not {float(self.rate):g}")
+        if not isinstance(self.rate, Fraction):
+            object.__setattr__(self, "rate", Fraction(self.rate).limit_denominator(_MAX_DENOMINATOR))
         if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:
             raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
 

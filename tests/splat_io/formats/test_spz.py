@@ -214,6 +214,26 @@ def test_both_versions_hold_the_same_numbers(version: int, tmp_path: Path) -> No
         assert np.array_equal(getattr(one, field.name), getattr(two, field.name))
 
 
+def test_damaged_columns_of_version_4_are_never_read_as_other_numbers(tmp_path: Path) -> None:
+    """Each zstd stream has a checksum."""
+    splats, read = some_splats(40), []
+    write_spz([splats], tmp_path / "a.spz")
+    data, intact = (tmp_path / "a.spz").read_bytes(), read_splats(tmp_path / "a.spz")
+    columns, table = struct.unpack_from("<B", data, 15)[0], struct.unpack_from("<I", data, 16)[0]
+    for at in range(table + 16 * columns, len(data), 7):
+        damaged = bytearray(data)
+        damaged[at] ^= 1 << at % 8
+        path = write(tmp_path / "b.spz", bytes(damaged))
+        try:
+            read.append(read_splats(path))
+        except DatasetError:
+            continue
+    assert len(read) < 20
+    for one in read:
+        for field in dataclasses.fields(Splats):
+            assert np.array_equal(getattr(one, field.name), getattr(intact, field.name))
+
+
 def test_other_versions_are_not_written(tmp_path: Path) -> None:
     with pytest.raises(InvalidValueError, match="version 3 or 4"):
         write_spz([some_splats(5)], tmp_path / "a.spz", version=2)

@@ -38,6 +38,7 @@ _FPS, _AXES, _Y_UP, _Z_UP = "splatwire:fps", "coordinate_system", "y-up-right-ha
 _COLORS, _SRGB = "color_space", "srgb-rec709-display"
 _LOWEST, _HIGHEST = -4.0, 4.0
 """Coefficients of harmonics for the bytes 0 and 255."""
+_ROWS = "Gaussians and their states"
 _STEP = 0.1
 """Step of positions divided by the median of all standard deviations, with the default error bounds of fourdgs."""
 
@@ -148,8 +149,8 @@ def write_fourdgs(frames: Iterable[FileContent], path: Path, rate: float) -> int
     # Shrinking Gaussians below the median would make the step of fourdgs smaller.
     splats = PositionRange(path, splats, _STEP * size, ends - begins).limited(splats, min_scale=size)
     colours = 0.5 + DC * splats.sh[:, 0]
-    warn_of_clipped(path, "base colours", colours, 0.0, 1.0)
-    warn_of_clipped(path, "harmonics", splats.sh[:, 1:], _LOWEST, _HIGHEST)
+    warn_of_clipped(path, "base colours", colours, 0.0, 1.0, _ROWS)
+    warn_of_clipped(path, "harmonics", splats.sh[:, 1:], _LOWEST, _HIGHEST, _ROWS)
     harmonics = (splats.sh[:, 1:] - _LOWEST) / (_HIGHEST - _LOWEST) * 255
     records = fourdgs.GaussianSet(
         positions=splats.means,

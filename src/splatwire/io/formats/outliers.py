@@ -204,7 +204,9 @@ def warn_of_errors(path: Path, errors: np.ndarray, scales: np.ndarray) -> None:
     )  # fmt: skip
 
 
-def warn_of_clipped(path: Path, attribute: str, values: np.ndarray, low: float, high: float) -> None:
+def warn_of_clipped(
+    path: Path, attribute: str, values: np.ndarray, low: float, high: float, rows_are: str = "Gaussians"
+) -> None:
     """Logs a warning if values of Gaussians are visibly clipped to the range of a format.
 
     Args:
@@ -213,6 +215,7 @@ def warn_of_clipped(path: Path, attribute: str, values: np.ndarray, low: float, 
         values: Values before clipping, (N, ...).
         low: Smallest value that the format can represent.
         high: Largest value that the format can represent.
+        rows_are: Name of the rows of `values`, for the message.
     """
     rows = np.asarray(values, np.float64).reshape(len(values), -1)
     if not rows.size:
@@ -220,10 +223,10 @@ def warn_of_clipped(path: Path, attribute: str, values: np.ndarray, low: float, 
     outside = (rows.min(axis=1) < low - _CLIP_TOLERANCE) | (rows.max(axis=1) > high + _CLIP_TOLERANCE)
     if outside.any():
         LOG.warning(
-            "%s: %s of %s of %s Gaussians, from %.3g to %.3g, are clipped to the range of this format, %.3g to %.3g: "
+            "%s: %s of %s of %s %s, from %.3g to %.3g, are clipped to the range of this format, %.3g to %.3g: "
             "the scene may look different; PLY keeps them",
-            path, attribute, f"{int(outside.sum()):,}", f"{len(rows):,}", rows[outside].min(), rows[outside].max(), low,
-            high,
+            path, attribute, f"{int(outside.sum()):,}", f"{len(rows):,}", rows_are, rows[outside].min(),
+            rows[outside].max(), low, high,
         )  # fmt: skip
 
 

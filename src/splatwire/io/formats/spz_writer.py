@@ -167,7 +167,8 @@ def _write_gzip(
 def _write_plain(
     path: Path, columns: list[bytes], header: tuple[bytes, int, int, int, int, int], records: bytes
 ) -> None:
-    packed = [zstandard.ZstdCompressor(level=_ZSTD_LEVEL).compress(column) for column in columns]
+    compressor = zstandard.ZstdCompressor(level=_ZSTD_LEVEL, write_checksum=True)  # readers recognise damage
+    packed = [compressor.compress(column) for column in columns]
     with path.open("wb") as file:
         head = HEADER.pack(*header, len(packed)) + TABLE_OFFSET.pack(PLAIN_HEADER_BYTES + len(records))
         file.write(head.ljust(PLAIN_HEADER_BYTES, b"\0") + records)
