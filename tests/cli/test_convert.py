@@ -92,6 +92,14 @@ def test_many_files_are_converted_and_failures_named(run, cloud, frames, tmp_pat
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM")
+def test_other_processes_import_no_module_from_the_current_folder(run, cloud, tmp_path, monkeypatch):
+    (tmp_path / "random.py").write_text("raise SystemExit('the module of the folder was imported')\n")
+    monkeypatch.chdir(tmp_path)
+    done = run("convert", "cloud.ply", "--to", "spz", "-o", "streams")
+    assert done.status == 0, done.err
+    assert (tmp_path / "streams" / "cloud.spz").is_file()
+
+
 def test_a_signal_ends_the_conversions_that_run_and_those_that_wait(run, cloud, tmp_path, monkeypatch):
     finished = []
 

@@ -140,6 +140,14 @@ def test_stream_is_planned_in_the_packets_it_is_served_in(run, journey, tmp_path
     assert json.loads((tmp_path / "plan.json").read_text())["stream_id"] == f"{served.manifest.stream_id:08x}"
 
 
+def test_a_plan_does_not_replace_its_stream(run, datagrams):
+    before = datagrams.read_bytes()
+    outcome = run("plan", datagrams, "--views", 1, "--trials", 5, "-o", datagrams)
+    assert outcome.status == 2
+    assert "is the input" in outcome.err
+    assert datagrams.read_bytes() == before
+
+
 def test_invalid_options_are_one_error_line(run, datagrams):
     assert "--deadline and --rate together" in run("plan", datagrams, "--deadline", 1.0).err
     assert "unknown loss" in run("plan", datagrams, "--loss", "weather").err.lower()

@@ -5,11 +5,11 @@ import hashlib
 import logging
 import mmap
 import shutil
-import sys
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from splatwire.cli._processes import OWN_PROGRAM
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.transport.event_log import log_event
 from splatwire.transport.http.downloads import FOLDERS, DownloadedFile
@@ -153,8 +153,8 @@ class MadeDownloads:
             SplatwireError: If the subcommand fails, or takes longer than the maximum duration.
         """
         process = await asyncio.create_subprocess_exec(
-            sys.executable, "-m", "splatwire", *words, stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE,
+            *OWN_PROGRAM, *words, stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.DEVNULL,
+            stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:
             async with asyncio.timeout(self._most_seconds):

@@ -1,6 +1,7 @@
 """Processes that a command starts, and ends with itself."""
 
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Sequence
@@ -8,6 +9,9 @@ from contextlib import suppress
 
 GRACE_S = 5.0
 """Time for a process to remove its temporary files after SIGTERM, seconds."""
+OWN_PROGRAM = (sys.executable, "-P", "-m", "splatwire")
+"""Command that runs splatwire in another process. It imports no module from the current folder, such as a `random.py`.
+"""
 
 
 class Processes:

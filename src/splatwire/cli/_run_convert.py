@@ -23,7 +23,7 @@ from splatwire.cli._files import (
 )
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
-from splatwire.cli._processes import Processes
+from splatwire.cli._processes import OWN_PROGRAM, Processes
 from splatwire.cli.convert import Convert
 from splatwire.cli.decode import Decode
 from splatwire.cli.encode import Encode
@@ -334,7 +334,7 @@ def _in_process(processes: Processes, chosen: Conversion, accept_damage: bool) -
     source, output = (f"./{name}" if name.startswith("-") else name for name in names)  # no options
     words = [source, output, "--to", chosen.form.replace(".", "-"), "--json"]
     words += ["--accept-damage"] * accept_damage
-    command = [sys.executable, "-m", "splatwire", "convert", *words]
+    command = [*OWN_PROGRAM, "convert", *words]
     done = processes.run(command)
     messages = [line for line in done.stderr.splitlines() if line.startswith("splatwire: ") or done.returncode]
     if done.returncode < 0:

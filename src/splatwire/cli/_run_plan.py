@@ -9,7 +9,7 @@ from typing import Any
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.channel import LossModel, parse_loss
 from splatwire.cli._datagrams import in_datagrams
-from splatwire.cli._files import check_inputs, input_path, prepared_output
+from splatwire.cli._files import check_inputs, input_path, prepared_output, refuse_own_input
 from splatwire.cli._output import print_json, progress_bars, refuse_options
 from splatwire.cli.plan import PlanCommand
 from splatwire.data import open_dataset
@@ -89,6 +89,7 @@ def _check(command: PlanCommand) -> None:
         raise InvalidValueError("name at least one stream to plan for")
     if command.output is not None:
         prepared_output(command.output)
+        refuse_own_input(command.output, *command.streams)
     check_inputs(command.data, command.reference)
     if (command.deadline is None) != (command.rate is None) or (
         command.deadline is not None and command.budget is not None

@@ -11,7 +11,7 @@ from typing import Any
 
 from splatwire.anchors.scene_file import load_partial
 from splatwire.bitstream import SceneStream, write_stream
-from splatwire.cli._processes import end_process
+from splatwire.cli._processes import OWN_PROGRAM, end_process
 from splatwire.errors import DesyncError, SplatwireError
 from splatwire.types import ReceivedScene
 from splatwire.types.scene_digest import scene_digest
@@ -55,7 +55,7 @@ def in_fresh_process(verb: str, *arguments: object) -> Iterator[Callable[[], dic
         SplatwireError: From the yielded function, if the process failed.
     """
     # The process ends with the `with` block at the latest.
-    command = [sys.executable, "-m", "splatwire", verb, *map(str, arguments), "--json"]
+    command = [*OWN_PROGRAM, verb, *map(str, arguments), "--json"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def answer() -> dict[str, Any]:

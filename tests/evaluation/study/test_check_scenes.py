@@ -7,6 +7,7 @@ import pytest
 
 from evaluation.masked_photos import write_photos
 from explicit import ball_of_gaussians
+from moving_sequences import moving_frames
 from scenes import tiny_cameras, tiny_scene
 from splatwire.anchors.scene_file import save_partial
 from splatwire.bitstream import PRESETS, read_stream, write_stream
@@ -17,6 +18,8 @@ from splatwire.evaluation.study import InProcess, SceneEntry, Store, Study, meas
 from splatwire.evaluation.study.definition import Decoded, Loss, Row
 from splatwire.evaluation.study.inputs import check_scenes
 from splatwire.io import save_scene
+from splatwire.io.formats import write_splats
+from splatwire.sequence import encode_sequence
 
 COMPLETE = Row("complete", "no loss", None, lossless=True)
 
@@ -171,3 +174,17 @@ def test_a_row_whose_sections_cannot_be_kept_is_skipped_with_a_reason(study, tmp
     )
     assert {record["row"] for record in result.merged()} == {"complete"}
     assert "its sections cannot be kept in other packets" in " ".join(result.skipped)
+
+
+def test_photos_of_a_sequence_are_refused(study, tmp_path):
+    """Frames would be drawn by the cameras of the photos, with which they have nothing in common."""
+    (tmp_path / "frames").mkdir()
+    frames = moving_frames(40, 2)
+    for number, splats in enumerate(frames):
+        write_splats([splats], tmp_path / "frames" / f"{number}.ply")
+    write_stream(encode_sequence(frames)[0], tmp_path / "clip.swz")
+    clip = with_views(
+        study, source=tmp_path / "clip.swz", reference=tmp_path / "frames", cameras=None, photos=tmp_path / "photos"
+    )
+    with pytest.raises(SplatwireError, match="is a sequence"):
+        check_scenes(clip, Store(tmp_path / "store"))

@@ -9,12 +9,13 @@ import pytest
 from PIL import Image
 
 from explicit import ball_of_gaussians
-from scenes import tiny_cameras
+from scenes import tiny_cameras, tiny_scene
 from splatwire.data import save_cameras
 from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
 from splatwire.evaluation.pixels import to_pixels
 from splatwire.evaluation.rate_distortion import RatePoint, bd_quality, bd_rate
-from splatwire.evaluation.study import InProcess, Store, load_study, run_study, summarize, write_outputs
+from splatwire.evaluation.study import InProcess, Store, input_files, load_study, run_study, summarize, write_outputs
+from splatwire.evaluation.study.summary import dataset_means
 from splatwire.io import open_scene, save_scene
 from splatwire.render import render_scene
 from splatwire.types import SplatScene
@@ -130,6 +131,36 @@ def test_transparent_pixels_of_pictures_show_the_background_of_the_scene(folder,
     result = run_study(on_white, Store(tmp_path / "store"), InProcess(), lambda task, share: None)
     clear, white = summarize(result)
     assert clear.by_view == white.by_view
+
+
+def test_results_of_a_model_folder_need_no_row_that_encodes_it(folder, tmp_path, monkeypatch):
+    """The model gives only the background; the cameras, the views."""
+    iteration = tmp_path / "model" / "point_cloud" / "iteration_1"
+    iteration.mkdir(parents=True)
+    for name in ("point_cloud.ply", "checkpoint.pth"):
+        (iteration / name).write_bytes(b"not read")
+    scene = dataclasses.replace(tiny_scene(num_anchors=60), background=WHITE)
+    monkeypatch.setattr(input_files, "import_model", lambda kind, path: scene)
+    study = study_of(folder, tmp_path, row("named", folder / "named", 9))
+    model = dataclasses.replace(study.scenes[0], source=tmp_path / "model", kind="model")
+    of_model = dataclasses.replace(study, scenes=(model,))
+    result = run_study(of_model, Store(tmp_path / "store"), InProcess(), lambda task, share: None)
+    (named,) = summarize(result)
+    assert named.num_bytes == 9
+    assert result.scenes["made up"].references.background == WHITE
+
+
+def test_means_over_scenes_have_no_number_of_gaussians_if_that_of_one_is_unknown(folder, tmp_path):
+    study = study_of(folder, tmp_path, row("fine", folder / "fine.ply"), row("named", folder / "named", 9))
+    other = dataclasses.replace(study.scenes[0], name="other")
+    rows = tuple(
+        dataclasses.replace(each, decoded=(*each.decoded, dataclasses.replace(each.decoded[0], scene="other")))
+        for each in study.rows
+    )
+    two = dataclasses.replace(study, scenes=(*study.scenes, other), rows=rows)
+    result = run_study(two, Store(tmp_path / "store"), InProcess(), lambda task, share: None)
+    numbers = {mean.row.key: mean.num_gaussians for mean in dataset_means(result, summarize(result))}
+    assert numbers == {"fine": open_scene(folder / "fine.ply").num_gaussians, "named": None}
 
 
 def test_rows_of_other_codecs_are_listed_with_encoded_rows(folder, tmp_path):

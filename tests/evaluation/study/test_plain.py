@@ -246,9 +246,23 @@ def test_report_starts_with_summary_pictures_and_curve(folder, tmp_path):
     assert "bernoulli:0.5" in shown
     losing = [s.row.label for s in summarize(result) if s.row.key == "idw" and s.delta["psnr"].mean < 0]
     for label in losing:
-        assert text.index("do worse than leaving") < text.index(f"<td>{label}</td>")
+        assert text.index("do worse than drop") < text.index(f"<td>{label}</td>")
     assert "<dt>PSNR</dt>" in text
     assert text.index("One note.") > text.index("How this was measured")
+
+
+def test_report_without_a_row_that_leaves_gaps_names_the_baseline(folder, tmp_path):
+    """`evaluate --conceal` with methods that all fill the gaps."""
+    names = ("prior", "idw", "grow")
+    _, result = run(plan := plain_study(folder, concealment_rows(names), baseline="idw"), tmp_path / "first")
+    psnr_of = {s.row.key: s.figures["psnr"].mean for s in summarize(result) if s.loss is not None}
+    worst, middle, best = sorted(names, key=psnr_of.get)
+    store, result = run(dataclasses.replace(plan, baseline=middle), tmp_path / "second")
+    text = write_report(result, store, tmp_path / "out", {}).read_text(encoding="utf-8")
+    sentence = re.search(r'<p class="lead">(.*?)</p>', text)[1]
+    assert f"{psnr_of[middle]:.1f} dB with {middle} and at {psnr_of[best]:.1f} dB with {best}" in sentence
+    assert "gaps" not in text
+    assert text.index(f"do worse than {middle}<") < text.index(f"<td>{worst}</td>")
 
 
 def test_report_without_losses_starts_with_its_quality(folder, tmp_path):

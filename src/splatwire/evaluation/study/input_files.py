@@ -6,11 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from splatwire.anchors.appearance import scene_of
 from splatwire.bitstream import SceneStream, read_stream
+from splatwire.files.kinds import HACPP, file_kind
 from splatwire.files.names import real_path
 from splatwire.io import LoadedScene, read_any_scene
 from splatwire.io.importing import import_model
 from splatwire.types import AnchorScene
+from splatwire.types.scene import Scene
 
 _STREAMS, _SCENES = 4, 1
 """Maximum number of streams, and of scene files or models, that are kept in memory."""
@@ -40,6 +43,10 @@ class InputFiles:
     def model(self, folder: Path) -> AnchorScene:
         """Reads a model folder of HAC++."""
         return keep(self._models, real_path(folder), _SCENES, lambda: import_model("hacpp", folder))
+
+    def scene(self, path: Path) -> Scene:
+        """Reads a scene file, a file of explicit Gaussians or a model folder of HAC++; lost elements stay in it."""
+        return self.model(path) if file_kind(path) is HACPP else scene_of(self.loaded_scene(path).loaded)
 
 
 def keep(cache: "OrderedDict[Key, Value]", key: Key, max_values: int, make: Callable[[], Value]) -> Value:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
-from splatwire.anchors.appearance import antialiased, scene_of
+from splatwire.anchors.appearance import antialiased
 from splatwire.anchors.tensor_file import tensor_bytes
 from splatwire.bitstream import HACPP_ANCHORS, Packetization, SceneStream, stream_to_bytes
 from splatwire.bitstream.limits import SCHEMAS
@@ -241,6 +241,10 @@ def _check_comparison(study: Study, source: Source) -> None:
         SplatwireError: If one of them cannot be read, or is no scene.
     """
     entry = source.entry
+    if source.timed and entry.photos is not None:
+        raise InvalidValueError(
+            f"scene '{entry.name}' is a sequence, which is compared with frames: leave out its photos"
+        )
     if not source.timed:
         check_views(entry)
         if entry.reference is not None:
@@ -370,7 +374,7 @@ def _background(first: PreparedStream, store: Store) -> Background:
     path = store.root / first.path
     if first.num_packets:
         return BACKGROUND_SECTION.of_stream(store.files.stream(path))
-    return scene_of(store.files.loaded_scene(path).loaded).background
+    return store.files.scene(path).background
 
 
 def _is_antialiased(first: PreparedStream, store: Store) -> bool:
@@ -378,7 +382,7 @@ def _is_antialiased(first: PreparedStream, store: Store) -> bool:
     path = store.root / first.path
     if first.num_packets:
         return ANTIALIASED in sections_of(store.files.stream(path))
-    return antialiased(scene_of(store.files.loaded_scene(path).loaded))
+    return antialiased(store.files.scene(path))
 
 
 def _frame_views(source: Source, reference_digest: str, store: Store) -> SceneEntry:
@@ -430,9 +434,12 @@ def _passthrough(source: Source, digest: str) -> PreparedStream:
         return PreparedStream(
             path, digest, stream_parts(stream), manifest.num_packets, manifest.num_elements, elements=manifest.elements
         )
-    loaded_scene = source.files.loaded_scene(entry.source)
-    scene, form = scene_of(loaded_scene.loaded), find_format(loaded_scene.kind)
-    parts = tensor_bytes(entry.source) if form is None else {form.name: file_bytes(entry.source)}
+    scene = source.files.scene(entry.source)
+    if entry.kind == "model":
+        parts = {"model": file_bytes(entry.source)}
+    else:
+        form = find_format(source.files.loaded_scene(entry.source).kind)
+        parts = tensor_bytes(entry.source) if form is None else {form.name: file_bytes(entry.source)}
     return PreparedStream(path, digest, parts, 0, scene.num_elements, scene.num_gaussians, elements=scene.ELEMENTS)
 
 

@@ -130,11 +130,12 @@ def _lossless_lead(result: StudyResult, pictures: Sequence[ViewPictures]) -> Lea
 
 
 def _summary_sentence(summaries: dict[str, Summary], rows: ComparedRows | None, source: str) -> str | None:
-    """Summarises in one sentence the PSNR with and without concealment under loss; None if a PSNR is not finite.
+    """Summarises in one sentence the PSNR of two methods under loss; None if a PSNR is not finite.
 
     Args:
         summaries: Statistics under the loss of the evaluation, by key of the method.
-        rows: The methods without and with concealment; None to state the PSNR of the only method.
+        rows: The methods; without one that leaves gaps, the baseline is compared with the best. None to state the PSNR
+            of the only method.
         source: Kind of reference images, such as `photos`.
     """
     shown = [summaries[row.key] for row in (rows.uncovered, rows.best)] if rows else list(summaries.values())[:1]
@@ -147,9 +148,14 @@ def _summary_sentence(summaries: dict[str, Summary], rows: ComparedRows | None, 
         return f"{lost}, pictures are at {means[0]:.1f} dB ({shown[0].row.label}; PSNR against {source})."
     more = shown[1].num_bytes / shown[0].num_bytes - 1
     cost = f" for {100 * more:.0f} % more bytes" if more >= 0.005 else ""
+    first, best = (summary.row.label for summary in shown)
+    if shown[0].row.conceal == "drop":
+        ways = f"if the gaps stay ({first})", f"with concealment ({best})"
+    else:
+        ways = f"with {first}", f"with {best}"
     return (
-        f"{lost}, pictures are at {means[0]:.1f} dB if the gaps stay ({shown[0].row.label}) and at {means[1]:.1f} dB "
-        f"with concealment ({shown[1].row.label}){cost}. PSNR is against {source}; higher is better."
+        f"{lost}, pictures are at {means[0]:.1f} dB {ways[0]} and at {means[1]:.1f} dB {ways[1]}{cost}. "
+        f"PSNR is against {source}; higher is better."
     )
 
 

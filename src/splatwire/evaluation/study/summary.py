@@ -70,7 +70,7 @@ class Summary:
         num_packets: Number of packets of the stream.
         elements: Name of the scene's elements.
         num_anchors: Number of elements.
-        num_gaussians: Number of Gaussians.
+        num_gaussians: Number of Gaussians; None if unknown, as for pictures of another codec.
         lost_packets: Share of lost packets, mean over seeds.
         lost_anchors: Share of elements with a lost attribute, mean over seeds.
         lost_datagrams: Share of lost datagrams, mean over seeds; None without loss.
@@ -227,7 +227,7 @@ def _mean_of(group: Sequence[Summary], description: str, summaries: Sequence[Sum
         num_packets=round(statistics.fmean(s.num_packets for s in group)),
         elements=common_word(s.elements for s in group),
         num_anchors=round(statistics.fmean(s.num_anchors for s in group)),
-        num_gaussians=round(statistics.fmean(s.num_gaussians or 0 for s in group)),
+        num_gaussians=_mean_count([s.num_gaussians for s in group]),
         lost_packets=statistics.fmean(s.lost_packets for s in group),
         lost_anchors=statistics.fmean(s.lost_anchors for s in group),
         lost_datagrams=None,
@@ -338,6 +338,12 @@ def _ends(columns: list[tuple[float, ...]]) -> tuple[tuple[float, ...], tuple[fl
 
 def _mean_columns(rows: Sequence[Sequence[float]]) -> tuple[float, ...]:
     return tuple(statistics.fmean(column) for column in zip(*rows, strict=True))
+
+
+def _mean_count(counts: Sequence[int | None]) -> int | None:
+    """Returns the rounded mean; None if a count is unknown."""
+    known = [count for count in counts if count is not None]
+    return round(statistics.fmean(known)) if len(known) == len(counts) else None
 
 
 def _share(runs: list[list[Record]], part: str, whole: str) -> float | None:
