@@ -18,7 +18,7 @@ from splatwire.cli._live_warnings import WARN_S, Warnings, print_if_read
 from splatwire.cli._terminal import PrintableStream, printable_streams
 from splatwire.errors import InvalidValueError
 from splatwire.io.formats import write_splats
-from splatwire.sequence import SequenceFrame, SequenceOptions, frame_sources
+from splatwire.sequence import SequenceEncoder, SequenceFrame, SequenceOptions, frame_sources
 from splatwire.sequence.frame_sources import POLL_INTERVAL_S, DropPolicy, FolderSource, PipeSource
 from splatwire.sequence.frame_writer import numbered
 from splatwire.sequence.live_decoder import LiveDecoder
@@ -334,6 +334,31 @@ def test_unencodable_group_is_dropped_and_the_next_starts_a_new_period(tmp_path)
     assert world.run() == [100, 101, 103, 104]
     assert world.clip.restarts == [2]
     assert "too many" in world.said[0]
+
+
+@pytest.mark.parametrize("num_frames", [GROUP + 1, 1])
+def test_a_live_clip_whose_last_group_cannot_be_encoded_ends_with_the_groups_before(tmp_path, num_frames, monkeypatch):
+    def refuse(self):
+        raise InvalidValueError("these tracks are too many")
+
+    monkeypatch.setattr(SequenceEncoder, "flush", refuse)
+    world = World(tmp_path / "in", LiveEncoder(SequenceOptions(Fraction(RATE), GROUP), lambda: 7))
+    for number in range(num_frames):
+        world.frame(number)
+    world.live.run()
+    assert [text for text in world.said if "too many" in text] == world.said
+    assert (len(world.said), world.live.num_skipped, world.live.num_frames) == (1, 1, num_frames // GROUP * GROUP)
+    assert [state.is_live for state in world.editions] == ([True, False] if num_frames > GROUP else [])
+    assert len({state.packets for state in world.editions}) == num_frames // GROUP
+
+
+def test_a_live_clip_of_empty_frames_ends_without_an_error(tmp_path):
+    world = World(tmp_path / "in", LiveEncoder(SequenceOptions(Fraction(RATE), GROUP), lambda: 7))
+    for number in range(GROUP - 1):
+        empty_frame(world.folder / f"frame_{number:04}.ply")
+    world.live.run()
+    assert world.editions == []
+    assert ["no Gaussian that draws anything" in text for text in world.said] == [True]
 
 
 def test_persistent_new_degree_is_accepted_after_some_frames(tmp_path):

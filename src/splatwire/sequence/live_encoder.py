@@ -1,6 +1,7 @@
 """Encoder of unbounded live sequences, which are split into independent streams."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from splatwire.bitstream import Packet
 from splatwire.sequence.encoding import SequenceEncoder
@@ -36,6 +37,7 @@ class LiveEncoder:
     ) -> None:  # fmt: skip
         self._options, self._new_id, self._protection = options, new_id, protection
         self._period_groups = period_groups
+        self._newest_state: LiveSnapshot | None = None
         self._begin_period(SequenceEncoder(options, live=True))
         self.num_frames = self._num_in_complete_groups = 0
 
@@ -67,13 +69,15 @@ class LiveEncoder:
         """Ends the live sequence: encodes the remaining frames.
 
         Returns:
-            State of the stream with the remaining frames, if there are any, followed by the final state. Empty if the
-            sequence has no frames.
+            State of the stream with the remaining frames, if there are any, followed by the final state, which marks
+            the end for clients. Empty if the sequence has no frames.
+
+        Raises:
+            InvalidValueError: If the remaining frames cannot be encoded (see `SequenceEncoder.push`).
         """
-        if not self.num_frames:
-            return []
         rest = [self._add(self.encoder.flush())] if self.num_frames % self._options.group_frames else []
-        return [*rest, self._packager.end(*self.encoder.current_header(self._stream_id))]
+        newest = self._newest_state
+        return [] if newest is None else [*rest, replace(newest, is_live=False)]
 
     @property
     def _is_period_full(self) -> bool:
@@ -87,4 +91,5 @@ class LiveEncoder:
     def _add(self, packets: list[Packet]) -> LiveSnapshot:
         self._num_groups += 1
         self._num_bytes += sum(packet.num_bytes for packet in packets)
-        return self._packager.add(*self.encoder.current_header(self._stream_id), packets)
+        self._newest_state = self._packager.add(*self.encoder.current_header(self._stream_id), packets)
+        return self._newest_state

@@ -124,7 +124,12 @@ class LiveIngest:
             if self._push(frame):
                 due += 1 / self._rate
                 self._wait(due - self._clock())
-        for state in self._encoder.end():
+        try:
+            final = self._encoder.end()
+        except FRAME_ERRORS as error:
+            self._skip_group(error)
+            final = self._encoder.end()
+        for state in final:
             self._publish(state)
 
     def _queue_new_files(self) -> None:
@@ -227,17 +232,25 @@ class LiveIngest:
         """
         try:
             state = self._encoder.push(frame)
-        except BackendUnavailableError:
-            raise
         except FRAME_ERRORS as error:
-            self._skip(f"a group of frames could not be encoded: {_reason(error)}")
-            self._encoder.restart()
+            self._skip_group(error)
             return False
         if self._encoder.num_frames == self._options.group_frames:
             gc.freeze()  # scanning the objects of all modules would delay a group by 0.1 s
         if state is not None:
             self._publish(state)
         return True
+
+    def _skip_group(self, error: Exception) -> None:
+        """Drops the frames of a group of pictures that could not be encoded.
+
+        Raises:
+            BackendUnavailableError: If the reason is a missing package.
+        """
+        if isinstance(error, BackendUnavailableError):
+            raise error
+        self._skip(f"a group of frames could not be encoded: {_reason(error)}")
+        self._encoder.restart()
 
     def _skip(self, why: str) -> None:
         self.num_skipped += 1

@@ -104,16 +104,7 @@ class LivePackager:
         if len(self._packets) != manifest.num_packets:
             raise InvalidValueError(f"{len(self._packets)} packets, and the manifest says {manifest.num_packets}")
         self._protect(protected.parity_ranges)
-        return self._snapshot(manifest, side_info, is_live=True)
-
-    def end(self, manifest: Manifest, side_info: bytes) -> LiveSnapshot:
-        """Returns the final state of the live stream, which marks the end for clients.
-
-        Args:
-            manifest: Manifest of the whole stream.
-            side_info: Side information of the whole stream.
-        """
-        return self._snapshot(manifest, side_info, is_live=False)
+        return self._snapshot(manifest, side_info)
 
     def _order_and_protect(self, ordered: Sequence[Packet], manifest: Manifest) -> ProtectedOrder:
         plan, (share, repair) = manifest.plan, self._protection.motion_of(self._num_groups)
@@ -144,7 +135,7 @@ class LivePackager:
         )
         self._num_parity_groups = num_taken_group_numbers + len(parity)
 
-    def _snapshot(self, manifest: Manifest, side_info: bytes, *, is_live: bool) -> LiveSnapshot:
+    def _snapshot(self, manifest: Manifest, side_info: bytes) -> LiveSnapshot:
         data = init_segment(manifest, side_info)
         symbol_bytes = default_symbol_bytes(len(data))
         init_symbols, num_init_symbols = encode_init_segment(data, symbol_bytes, self._protection)
@@ -157,6 +148,6 @@ class LivePackager:
         return LiveSnapshot(
             manifest.stream_id, len(data), hashlib.sha256(data).digest(), symbol_bytes, init_symbols,
             tuple(self._packets), MAX_PACKET_BYTES, 0, self._parity_ranges or (ParityRange(0, 0, 0),), self._parity,
-            (*init_items, *keyframes, *self._newest_schedule), is_live=is_live, persistent=bytes(self._persistent),
+            (*init_items, *keyframes, *self._newest_schedule), is_live=True, persistent=bytes(self._persistent),
             newest_start=self._newest_start,
         )  # fmt: skip
