@@ -388,7 +388,7 @@ def test_clips_and_levels_are_loaded_moved_and_removed(kind: str, stream: SceneS
             assert page.evaluate(f"{ELEMENT}.view === view") is True
             page.evaluate(f"{ELEMENT}.remove(); events.length = 0")
             page.wait_for("window.workers === 0")
-        page.resolve("caches.delete('splatwire-2')")
+        page.resolve("caches.keys().then((names) => Promise.all(names.map((name) => caches.delete(name))))")
         begun = len(host.asked)
         host.deliver = lambda request, body: len(body) * 6 // 10 if len(host.asked) == begun + 1 else None
         host.cut.set()
@@ -396,6 +396,7 @@ def test_clips_and_levels_are_loaded_moved_and_removed(kind: str, stream: SceneS
         if kind == "clip":  # the rest of a range of levels is requested at once
             assert page.wait_for("events.find(([kind]) => kind === 'lost')")[1]["retryMs"] > 0
         assert page.wait_for(LOADED)[1] == whole
+        assert "kept" not in page.evaluate(f"{ELEMENT}.status.transport")
         assert page.resolve(f"{ELEMENT}.verify()") is True
         page.evaluate(f"{ELEMENT}.src = 'ball.swz'; events.length = 0")  # a still scene replaces it
         assert page.wait_for(LOADED)[1] == whole
