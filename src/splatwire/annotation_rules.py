@@ -22,6 +22,7 @@ READERS = {
     "Dataset": "splatwire.data.open_dataset",
     "ReceivedScene": "decode_stream",
     "SceneStream": "read_stream",
+    "SequenceScene": "decode_stream(...).scene",
     "SplatScene": "open_scene",
     "Splats": "splatwire.io.formats.read_splats",
 }
@@ -108,7 +109,8 @@ def rule_of(hint: Any, arrays: Callable[[Any], Rule]) -> Rule:
     if getattr(kind, "_is_protocol", False):
         return _protocol_rule(kind)
     reader = READERS.get(kind.__name__)
-    expected = kind.__name__ + (f" (`{reader}` returns one)" if reader else "")
+    how = "is" if reader and "(" in reader else "returns"
+    expected = kind.__name__ + (f" (`{reader}` {how} one)" if reader else "")
     return Rule(expected, lambda value: isinstance(value, kind), kind=kind)
 
 

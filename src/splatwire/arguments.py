@@ -162,7 +162,7 @@ def array_of(
     """Converts an argument to an array, and checks its type, shape and range.
 
     Args:
-        value: An array, a torch tensor, or nested lists of numbers.
+        value: An array, a torch tensor, a list of them, or nested lists of numbers.
         name: Name of the argument, for the error message.
         shape: Expected shape: the size of each axis, or a letter for any size. None for any shape.
         kind: Expected type: `f` for numbers that are not NaN, `i` for whole numbers, `b` for True and False.
@@ -180,7 +180,7 @@ def array_of(
     extents = "" if shape is None else f" ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
     expected = f"{name}: expected an array{extents} of {words}{limits}"
     try:
-        array = np.asarray(value.detach().cpu() if hasattr(value, "detach") else value)
+        array = np.asarray([_numbers(item) for item in value] if isinstance(value, list | tuple) else _numbers(value))
     except (TypeError, ValueError, RuntimeError) as error:
         raise InvalidValueError(f"{expected}, not {shown(value)}") from error
     fits = shape is None or (
@@ -194,6 +194,11 @@ def array_of(
         if not ((least is None or low >= least) and (most is None or high <= most)):
             raise InvalidValueError(f"{expected}, not {low:.4g} to {high:.4g}")
     return array
+
+
+def _numbers(value: Any) -> Any:
+    """Returns the array of a torch tensor on any device, without gradients; any other value unchanged."""
+    return np.asarray(value.detach().cpu()) if hasattr(value, "detach") else value
 
 
 def check_threads(threads: int | None) -> None:

@@ -44,11 +44,17 @@ stream = splatwire.encode_scene(scene, "datagram")
 splatwire.write_stream(stream, path.parent / "x.swz")
 splatwire.save_scene(scene, path.parent / "y.ply")
 received = splatwire.decode_stream(stream)
+whole_clip = splatwire.encode([splats] * 3, splatwire.SequenceOptions(group_frames=2))
+clip = splatwire.decode_stream(splatwire.transmit(whole_clip, "bernoulli:0.5", seed=1)[0])
 (path.parent / "p.toml").write_text(
     '[[scene]]\\nname = "x"\\nstream = "x.swz"\\n[[row]]\\nkey = "a"\\nlabel = "a"\\n[[loss]]\\nmodel = "none"\\n'
 )
 protocol, store = study.load_study(str(path.parent / "p.toml")), study.Store(str(path.parent / "store"))
 picture = splatwire.render_scene(scene, cameras, renderer="cpu")
+class Tensor:  # as one of torch on a GPU or with gradients: only `detach().cpu()` can become an array
+    def __init__(self, array): self.array = array
+    def detach(self): return self
+    def cpu(self): return self.array
 def module(name): return importlib.import_module(f"splatwire.{name}")
 def draw(scene=scene, cameras=cameras, **more):
     return splatwire.render_scene(scene, cameras, **{"renderer": "cpu", **more})
@@ -82,6 +88,7 @@ WORKS = {
     "rows of a study in a list": "study.Study('a', 'a', [*protocol.scenes], [*protocol.rows], [*protocol.losses]) "
     "== study.Study('a', 'a', protocol.scenes, protocol.rows, protocol.losses)",
     "pictures in a list": "splatwire.evaluate(scene, [np.zeros((24, 32, 3))], path).psnr.shape == (1,)",
+    "pictures as tensors in a list": "splatwire.evaluate(scene, [Tensor(picture[0])], cameras).psnr.min() > 60",
     "pictures of half precision": "splatwire.evaluate(scene, picture.astype(np.float16), cameras).psnr.min() > 60",
 }
 FAILS = {
@@ -143,7 +150,23 @@ FAILS = {
     "draw(renderer=None)": r"expected a renderer or its name",
     "draw(renderer='vulkan')": r"vulkan",
     "draw(background='white')": r"a background is three numbers",
-    "draw(background=np.ones(4, np.float32))": r"a background is three numbers from 0 to 1, not float32 \(4,\)",
+    "draw(background=(255, 255, 255))": r"a background is three numbers from 0 to 1, not \(255, 255, 255\)",
+    **dict.fromkeys(
+        (
+            "draw(clip)",
+            "draw(clip.scene)",
+            "splatwire.evaluate(clip, scene, cameras)",
+            "splatwire.encode(clip)",
+            "splatwire.save_scene(clip, 'x.ply')",
+            "conceal(clip, 'grow')",
+            "conceal(clip, 'scene_free')",
+            "conceal(clip, 'motion')",
+        ),
+        r"expected a scene \(`splatwire.sequence.decode_frames` conceals a clip",
+    ),
+    "module('sequence').decode_frame(clip, 0)": r"SequenceScene \(`decode_stream\(...\).scene` is one\), not Received",
+    "splatwire.write_stream(stream, 'a.ply')": r"a file of Gaussians, which `save_scene` writes",
+    "draw(background=np.ones(4, np.float32))": r"a background is three numbers .*, not \(1.0, 1.0, 1.0, 1.0\)",
     "splatwire.transmit(stream, 0.2, seed=0)": r"expected a loss such as 'bernoulli:0.2'.*not 0.2",
     "splatwire.transmit(stream, None, seed=0)": r"expected a loss such as",
     "splatwire.transmit(scene, 'none', seed=0)": r"expected SceneStream .*not SplatScene",

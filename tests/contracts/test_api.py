@@ -105,6 +105,8 @@ def test_pictures_are_arrays_that_notebooks_show(scene):
     assert np.array_equal(shown[:, 32:], np.rint(255 * images[1]).astype(np.uint8))
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(images[0]._repr_png_()))), shown[:, :32])
     assert images[0, 0]._repr_png_() is None
+    many = np.ones((3, 2, 7000, 3), np.float32)
+    assert Image.open(io.BytesIO(many.view(Pictures)._repr_png_())).size == (14_000, 2)  # browsers have a limit
     assert type(images - images) is np.ndarray
     assert type(images.mean()) is np.float32
     assert type(images.max(axis=(1, 2))) is np.ndarray

@@ -19,6 +19,7 @@ from splatwire.types.metadata import NO_METADATA, SceneMetadata
 from splatwire.types.origin import NO_ORIGIN, Origin
 from splatwire.types.received_scene import ReceivedScene
 from splatwire.types.scene import Scene
+from splatwire.types.sequence_scene import SequenceScene
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
 from splatwire.types.validity import validity_of_splats
@@ -43,6 +44,7 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
         InvalidValueError: If the value has another type, or elements were lost.
     """
     if isinstance(value, ReceivedScene):
+        check_drawable(value.scene)
         if value.loss_mask.num_lost:
             lost = f"{value.loss_mask.num_lost:,} of {value.scene.num_elements:,} {value.scene.ELEMENTS} were lost"
             raise InvalidValueError(
@@ -54,9 +56,18 @@ def as_scene(value: Scene | ReceivedScene | Splats) -> Scene:
     if isinstance(value, SplatScene):
         unit = value.splats.with_unit_quats()
         return value if unit is value.splats else replace(value, splats=unit)
-    if gaussians_of_view.dispatch(type(value)) is gaussians_of_view.dispatch(object):
-        raise InvalidValueError(f"expected a scene {_conversion_hint(value)}, not {type(value).__name__}")
+    check_drawable(value)
     return value
+
+
+def check_drawable(scene: object) -> None:
+    """Checks that `gaussians_of_view` draws a scene. It does not draw clips, only their frames.
+
+    Raises:
+        InvalidValueError: If it does not; the message says how to get a scene.
+    """
+    if gaussians_of_view.dispatch(type(scene)) is gaussians_of_view.dispatch(object):
+        raise InvalidValueError(f"expected a scene {_conversion_hint(scene)}, not {type(scene).__name__}")
 
 
 def _conversion_hint(value: object) -> str:
@@ -65,6 +76,8 @@ def _conversion_hint(value: object) -> str:
         return "(`decode_stream` decodes a stream)"
     if isinstance(value, Gaussians):
         return "(`create_renderer(name)` draws the Gaussians of one view; a scene has `Splats`)"
+    if isinstance(value, SequenceScene):
+        return "(`splatwire.sequence.decode_frames` conceals a clip and yields its frames, each with a `scene`)"
     return "(`open_scene` reads one from a file)"
 
 

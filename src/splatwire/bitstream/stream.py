@@ -27,7 +27,16 @@ from splatwire.bitstream.packet_id import PacketId
 from splatwire.bitstream.scene_stream import FILE_MAGIC, SceneStream
 from splatwire.errors import BitstreamError, InvalidValueError, MissingSideInfoError, check_kind
 from splatwire.files.atomic_write import atomic_output, is_unfinished, remove_unfinished
-from splatwire.files.kinds import NOTHING, STREAM, STREAM_GLB, STREAMS, file_kind, format_error, opened
+from splatwire.files.kinds import (
+    GAUSSIAN_SUFFIXES,
+    NOTHING,
+    STREAM,
+    STREAM_GLB,
+    STREAMS,
+    file_kind,
+    format_error,
+    opened,
+)
 from splatwire.files.names import path_of, real_path
 from splatwire.files.read_limited import open_regular, read_at_most, read_limited
 
@@ -47,13 +56,19 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
         path: Destination. An existing stream is replaced.
 
     Raises:
-        InvalidValueError: If `stream` is not a stream, `path` is not a path, or its folder does not exist.
+        InvalidValueError: If `stream` is not a stream, `path` is not a path or has the suffix of another kind of file,
+            or its folder does not exist.
         BitstreamError: If the destination exists and is not a stream; it is left unchanged.
         OSError: If writing fails.
     """
     check_kind(stream, SceneStream, "read_stream")
     target = real_path(path_of(path, "a stream"))
     is_file = target.suffix.lower() == FILE_SUFFIX
+    if target.suffix.lower() in GAUSSIAN_SUFFIXES:
+        raise InvalidValueError(
+            f"{target}: the name says a file of Gaussians, which `save_scene` writes; a stream is a {FILE_SUFFIX} file "
+            "or a folder"
+        )
     _check_replaceable(target, is_file)
     with atomic_output(target) as new:
         if is_file:

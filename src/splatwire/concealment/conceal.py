@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from splatwire.anchors.appearance import check_drawable
 from splatwire.arguments import checked_except
 from splatwire.concealment.base import Concealed, Concealer
 from splatwire.concealment.registry import check_needs, create_concealer
@@ -28,11 +29,12 @@ def conceal(received: ReceivedScene[S], concealer: Concealer | str) -> S:
 
     Raises:
         UnknownNameError: If no concealer has that name.
-        InvalidValueError: If `received` is not a received scene or lacks side information that the concealer needs, or
-            if the concealer returned an invalid result.
+        InvalidValueError: If `received` is not a received still scene or lacks side information that the concealer
+            needs, or if the concealer returned an invalid result.
     """
-    method = create_concealer(concealer) if isinstance(concealer, str) else concealer
     check_kind(received, ReceivedScene, "decode_stream")
+    check_drawable(received.scene)  # clips have other concealers
+    method = create_concealer(concealer) if isinstance(concealer, str) else concealer
     if not isinstance(method, Concealer) or isinstance(method, type):
         raise InvalidValueError(f"expected a concealer or its name such as 'grow', not {shown(method)}")
     check_needs(method, received)

@@ -213,7 +213,8 @@ _OF_SCENES = {
 }
 _CAMERAS_3DGS = (b'"position"', b'"rotation"', b'"fx"', b'"fy"')
 _DATASET_NAMES = ("sparse", "colmap", "poses_enu.json", "transforms.json", "transforms_train.json")
-_GAUSSIAN_SUFFIXES = (".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb", ".usd", ".usda", ".usdc", ".usdz")
+GAUSSIAN_SUFFIXES = (".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb", ".usd", ".usda", ".usdc", ".usdz")
+"""Suffixes of files of explicit Gaussians."""
 _RESULTS = {"ckpts": GSPLAT_RESULTS, "nerfstudio_models": NERFSTUDIO_RESULTS}
 """Results folders of training programs, by the name of the folder of their checkpoints."""
 _PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp")
@@ -630,7 +631,7 @@ def _folder_kind(folder: Path) -> Kind:
         return STREAM_FOLDER
     if contains_photos(folder):
         return DATASET if any(reconstructions(folder)) else PHOTOS
-    if any(Path(name).suffix.lower() in _GAUSSIAN_SUFFIXES for name in names):
+    if any(Path(name).suffix.lower() in GAUSSIAN_SUFFIXES for name in names):
         return FRAMES
     return next((kind for name, kind in _RESULTS.items() if name in names or folder.name == name), FOLDER)
 

@@ -4,7 +4,15 @@ import logging
 import os
 from pathlib import Path
 
-from splatwire.anchors.appearance import antialiased, as_scene, explicit_gaussians, metadata_of, origin_of
+from splatwire.anchors.appearance import (
+    antialiased,
+    as_scene,
+    check_drawable,
+    explicit_gaussians,
+    metadata_of,
+    origin_of,
+    scene_of,
+)
 from splatwire.anchors.scene_file import save_partial
 from splatwire.anchors.scene_file import save_scene as save_anchors
 from splatwire.arguments import checked, checked_except
@@ -51,6 +59,7 @@ def save_scene(
         OSError: If the file cannot be written.
     """
     shown: Scene | ReceivedScene = scene if isinstance(scene, ReceivedScene) else as_scene(scene)
+    check_drawable(scene_of(shown))
     target = path_of(path)
     if target.name.lower().endswith(FILE_SUFFIX):
         raise InvalidValueError(

@@ -17,8 +17,8 @@ from splatwire.render.backends import create_renderer
 from splatwire.render.base import Renderer
 from splatwire.render.near_plane import warn_of_near_plane
 from splatwire.render.pictures import Pictures
-from splatwire.reprs import summarize
 from splatwire.types import Cameras
+from splatwire.types.background import check_background
 from splatwire.types.received_scene import ReceivedScene
 from splatwire.types.scene import Scene
 from splatwire.types.splats import Splats
@@ -65,8 +65,8 @@ def _drawn_views(
     draw = create_renderer(renderer) if isinstance(renderer, str) else renderer
     if not callable(draw) or isinstance(draw, type):
         raise InvalidValueError(f"expected a renderer or its name such as 'cpu', not {shown(draw)}")
-    background_color = _color(scene.background if background is None else background)
-    return _views(scene, cameras.relative_to(origin_of(scene)), draw, background_color)
+    color = check_background(scene.background if background is None else background)
+    return _views(scene, cameras.relative_to(origin_of(scene)), draw, np.array(color, np.float32))
 
 
 def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
@@ -80,15 +80,6 @@ def cameras_of(cameras: Cameras | str | os.PathLike[str]) -> Cameras:
         return load_cameras(Path(cameras))
     check_kind(cameras, Cameras, "splatwire.data.load_cameras")
     return cameras
-
-
-def _color(background: Any) -> Float[np.ndarray, "3"]:
-    """Checks a colour and converts it to an array."""
-    try:
-        return array_of(background, "background", (3,), least=0, most=1).astype(np.float32)
-    except InvalidValueError as error:
-        description = summarize(background) if hasattr(background, "shape") else shown(background)
-        raise InvalidValueError(f"a background is three numbers from 0 to 1, not {description}") from error
 
 
 def _views(
