@@ -170,6 +170,15 @@ def test_splat4d_keeps_the_frames(tmp_path):
         assert_close(frame.splats, expected.splats, scales=0.04, colors=0.06)
 
 
+@needs_splat4d
+def test_clipped_colours_of_splat4d_are_one_warning_with_the_name_of_the_file(tmp_path, caplog):
+    splats = cloud(20, 0)
+    frames = [replace(splats, sh=splats.sh + number) for number in (0, 2, 3)]
+    write([FileContent(frame) for frame in frames], tmp_path / "a.splat4d")
+    (message,) = [record.getMessage() for record in caplog.records if "base colours" in record.getMessage()]
+    assert message.startswith(f"{tmp_path / 'a.splat4d'}: base colours of 20 of 20 Gaussians")
+
+
 def scaled_clip(factor):
     for frame in clip(degree=0):
         splats = frame.splats

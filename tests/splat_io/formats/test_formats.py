@@ -157,6 +157,14 @@ def test_ksplat_of_several_sections_is_read(level: int, sections: int, spare: in
             assert np.array_equal(getattr(splats, name)[rows], getattr(one, name))
 
 
+def test_ksplat_that_states_no_sections_is_read(tmp_path: Path) -> None:
+    """GaussForge states the maximum number of sections only."""
+    data = ksplat(level=0)
+    stated = read_splats(write(tmp_path / "a.ksplat", data))
+    splats = read_splats(write(tmp_path / "b.ksplat", data[:8] + bytes(4) + data[12:]))
+    assert np.array_equal(splats.means, stated.means)
+
+
 def test_ksplat_whose_sections_have_another_size_is_refused(tmp_path: Path) -> None:
     """Early files state the degree of the harmonics in the header of the file instead of those of the sections."""
     data = bytearray(ksplat(level=0, degree=1))

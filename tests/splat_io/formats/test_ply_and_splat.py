@@ -148,6 +148,26 @@ def test_text_and_big_endian_ply_hold_the_same_gaussians(form: str, end: str, tm
     assert splats_kind(tmp_path / "b.ply") == "ply"
 
 
+@pytest.mark.parametrize("prefix", [b"scalar_", b"scal_", b"scalar_scal_"])
+def test_properties_with_the_prefixes_of_cloudcompare_are_read(prefix: bytes, tmp_path: Path) -> None:
+    splats = _splats()
+    write_splats([splats], tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes()
+    for name in (b"f_dc_", b"f_rest_", b"opacity", b"scale_", b"rot_"):
+        data = data.replace(b"property float " + name, b"property float " + prefix + name)
+    (tmp_path / "b.ply").write_bytes(data)
+    assert np.array_equal(read_splats(tmp_path / "b.ply").sh, read_splats(tmp_path / "a.ply").sh)
+
+
+def test_compressed_ply_with_an_empty_element_of_harmonics_is_read(tmp_path: Path) -> None:
+    """gsplat writes the element also for harmonics of degree 0, without properties."""
+    path = tmp_path / "a.compressed.ply"
+    write_splats([_splats(degree=0)], path)
+    expected, data = read_splats(path), path.read_bytes()
+    path.write_bytes(data.replace(b"end_header\n", b"element sh 20\nend_header\n", 1))
+    assert np.array_equal(read_splats(path).sh, expected.sh)
+
+
 def test_ply_of_other_programs_is_read(tmp_path: Path) -> None:
     """Contains doubles, another column order, extra colours and normals, comments, and an empty list of faces."""
     splats = _splats(degree=1)

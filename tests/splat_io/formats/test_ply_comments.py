@@ -134,7 +134,10 @@ def test_filters_of_tiny_gaussians_are_applied_and_invalid_ones_refused(tmp_path
 
 @pytest.mark.parametrize(
     "name",
-    ["filter_3D_0", "filter_2D", "mip_filter", "antialias", "smoothing", "trbf_center", "motion_0", "t", "deleted"],
+    [
+        *("filter_3D_0", "filter_2D", "mip_filter", "antialias", "smoothing", "trbf_center", "motion_0", "t"),
+        *("deleted", "sg_axis_0", "sb_params_0"),
+    ],
 )
 def test_unsupported_columns_that_may_change_gaussians_give_a_warning(
     name: str, tmp_path: Path, caplog: pytest.LogCaptureFixture

@@ -42,6 +42,8 @@ _TYPES = {
     "int64": "i8",
     "uint64": "u8",
 }
+_PREFIX = re.compile(r"^(?:scalar_)?(?:scal_)?(?=(?:f_dc|f_rest|scale|rot)_\d|opacity$|filter_3D$)")
+"""Prefixes that CloudCompare, and programs that write files for it, put before the names of Gaussian properties."""
 _ASCII_BYTES = 2
 """Minimum number of bytes of a number and its separator in a text PLY."""
 
@@ -187,9 +189,11 @@ def _elements(
             name = list(elements)[-1]
             lists[name] = (*lists.get(name, ()), words[4])
         elif len(words) == 3 and words[1] in _TYPES:
-            list(elements.values())[-1][1].append((words[2], order + _TYPES[words[1]]))
+            list(elements.values())[-1][1].append((_PREFIX.sub("", words[2], 1), order + _TYPES[words[1]]))
         else:
             raise DatasetError(f"{path}: expected a property of one number, found {line!r}")
+    # gsplat writes an element `sh` without properties for harmonics of degree 0
+    elements = {name: parts for name, parts in elements.items() if parts[1] or name in lists or name == "vertex"}
     elements_without_lists: dict[str, tuple[int, np.dtype]] = {}
     for name, (count, fields) in elements.items():
         if name in lists:

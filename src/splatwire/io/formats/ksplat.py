@@ -87,7 +87,8 @@ def read_ksplat(path: Path) -> Splats:
         raise DatasetError(format_error(path, "a .ksplat file of version 0.1", why))
     max_sections, num_sections, _, count, level = struct.unpack_from("<IIIIH", head, 4)
     check_count(path, count, len(data))
-    if not 0 < num_sections <= max_sections <= _MAX_SECTIONS or level > _MAX_LEVEL:
+    # GaussForge writes 0 as the number of sections; like viewers, the reader relies on the maximum
+    if not num_sections <= max_sections or not 0 < max_sections <= _MAX_SECTIONS or level > _MAX_LEVEL:
         raise DatasetError(f"{path}: {num_sections} of {max_sections} sections, compression level {level}: impossible")
     low, high = (float(value) for value in struct.unpack_from("<ff", head, 36))
     bounds = (low or -_DEFAULT_HARMONICS, high or _DEFAULT_HARMONICS)

@@ -46,7 +46,7 @@ _FILTER = re.compile(r"filter[-_ ]?3d", re.IGNORECASE)
 _CHANGING = re.compile(
     r"filter|mip|anti[-_]?alias|smooth|kernel|motion|trbf|omega|velocity|deleted|hidden|visib|^(?:t|time(?:stamp)?|state)$"
     r"|^(?:active|mask|valid|selected|lod|level|life(?:time)?|duration|weight|exposure|brightness|tint|gamma|shape)(?:[-_]|$)"
-    r"|^(?:beta|f_t|f_asg|asg|rot_[rl]|sh_mask)(?:[-_]|$)|^(?:scal\w*|rot\w*|opacity)_t(?:[-_]|$)|^t_scal",
+    r"|^(?:beta|f_t|f_asg|asg|sg|sb|rot_[rl]|sh_mask)(?:[-_]|$)|^(?:scal\w*|rot\w*|opacity)_t(?:[-_]|$)|^t_scal",
     re.IGNORECASE,
 )
 """Name patterns of properties that may change, move or hide Gaussians in an unknown way."""

@@ -72,19 +72,29 @@ def write_splat(parts: Iterable[Splats], path: Path) -> int:
         parts: Batches of Gaussians, all of one degree of spherical harmonics.
         path: Path of the file, written atomically.
     """
+    count, degree, colours = write_records(parts, path)
+    if degree:
+        LOG.warning(
+            "%s: a .splat file has one colour for all directions; the scene's harmonics, of degree %d, are not in it",
+            path, degree,
+        )  # fmt: skip
+    warn_of_clipped(path, "base colours", colours, 0.0, 1.0)
+    return count
+
+
+def write_records(parts: Iterable[Splats], path: Path) -> tuple[int, int, np.ndarray]:
+    """Writes a `.splat` file as `write_splat` does, but without warnings.
+
+    Returns:
+        Number of Gaussians; degree of their harmonics; and the largest channel of each base colour, at least 0, (N).
+    """
     count, degree, colours = 0, 0, []
     with atomic_output(path) as unfinished, unfinished.open("wb") as file:
         for part in checked_batches(path, parts):
             file.write(_records(part).tobytes())
             count, degree = count + part.num_gaussians, part.degree
             colours.append((0.5 + DC * part.sh[:, 0]).max(axis=1).clip(min=0))  # renderers clip at 0, too
-    if degree:
-        LOG.warning(
-            "%s: a .splat file has one colour for all directions; the scene's harmonics, of degree %d, are not in it",
-            path, degree,
-        )  # fmt: skip
-    warn_of_clipped(path, "base colours", np.concatenate(colours), 0.0, 1.0)
-    return count
+    return count, degree, np.concatenate(colours)
 
 
 def _records(part: Splats) -> np.ndarray:

@@ -16,14 +16,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from splatwire.errors import MALFORMED, BackendUnavailableError, DatasetError
 from splatwire.files.atomic_write import atomic_output
 from splatwire.files.read_limited import read_at_most
 from splatwire.io.formats._columns import check_count
 from splatwire.io.formats._sequence_range import PositionRange, position_step, warn_of_large_step
 from splatwire.io.formats.content import FileContent, relative_to_first
-from splatwire.io.formats.outliers import VISIBLE_DIVISOR
-from splatwire.io.formats.splat import read_splat, write_splat
+from splatwire.io.formats.outliers import VISIBLE_DIVISOR, warn_of_clipped
+from splatwire.io.formats.splat import read_splat, write_records
 
 LOG = logging.getLogger(__name__)
 MAGIC = b"SP4D"
@@ -96,7 +98,7 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
         BackendUnavailableError: If the program is not installed.
         DatasetError: If there is no frame, the numbers of Gaussians differ, or the program fails.
     """
-    count, first, step = 0, -1, _MAX_STEP
+    count, first, step, brightest = 0, -1, _MAX_STEP, np.zeros(1)
     with tempfile.TemporaryDirectory(prefix="splatwire-") as folder:
         for count, frame in enumerate(relative_to_first(frames), 1):
             splats = frame.splats
@@ -114,9 +116,11 @@ def write_splat4d(frames: Iterable[FileContent], path: Path, rate: float) -> int
                     "files have the same Gaussians in all frames"
                 )
             shown = positions.limited(splats.at_most_degree(0))
-            write_splat([shown], Path(folder) / f"frame_{count - 1:06}.splat")
+            _, _, colours = write_records([shown], Path(folder) / f"frame_{count - 1:06}.splat")
+            brightest = np.maximum(brightest, colours)
         if not count:
             raise DatasetError(f"{path}: a sequence without frames cannot be written")
+        warn_of_clipped(path, "base colours", brightest, 0.0, 1.0)
         with atomic_output(path) as target:
             numbers = ("--pos-mm", f"{1000 * step / 2:g}", "--fps", f"{rate:g}")
             _run(path, "encode", "--input", folder, "--output", str(target), *numbers)
