@@ -14,7 +14,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from splatwire.cli._background import first_of, start_thread
+from splatwire.cli._background import first_of
 from splatwire.cli._listening import (
     REPORT_S,
     LoopErrors,
@@ -29,6 +29,7 @@ from splatwire.cli._options import Listening
 from splatwire.errors import InvalidValueError
 from splatwire.transport import ServerLimits, make_served_stream
 from splatwire.transport.address import parse_url
+from splatwire.transport.daemon_thread import start_thread
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.running_server import RunningServer

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from splatwire.errors import BitstreamError
+from splatwire.errors import BitstreamError, InvalidValueError
 from splatwire.transport.http import server as server_module
 from splatwire.transport.http.content import PageContent, WebTransportEndpoint
 from splatwire.transport.http.messages import read_request
@@ -373,6 +373,23 @@ def peeked(client: socket.socket) -> bytes:
         return client.recv(100, socket.MSG_PEEK)
     except (BlockingIOError, ConnectionResetError):
         return b""
+
+
+@pytest.mark.skipif(not socket.has_dualstack_ipv6(), reason="this machine has no sockets for IPv4 and IPv6")
+def test_a_server_on_all_ipv6_addresses_answers_over_ipv4_too() -> None:
+    """As the UDP server at this address does."""
+
+    async def work() -> None:
+        async with PageServer(replace(CONTENT, host="::")) as server:
+            for host in ("127.0.0.1", "::1"):
+                reader, writer = await asyncio.open_connection(host, server.port)
+                writer.write(PAGE)
+                assert (await reader.read()).startswith(b"HTTP/1.1 200 OK"), host
+                writer.close()
+            with pytest.raises(InvalidValueError, match="in use"):
+                await PageServer(replace(CONTENT, host="::"), server.port).__aenter__()
+
+    run(work())
 
 
 def test_shutdown_prints_nothing_during_transfers(caplog: pytest.LogCaptureFixture):

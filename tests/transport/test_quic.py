@@ -123,7 +123,7 @@ def test_a_server_is_found_at_any_of_its_addresses(monkeypatch, first):
             async def resolved(_):
                 return [(socket.AF_INET, target) for target in targets]
 
-            monkeypatch.setattr(client, "resolve", resolved)
+            monkeypatch.setattr("splatwire.transport.udp.resolve", resolved)
             monkeypatch.setattr(client, "connected_socket", connected)
             monkeypatch.setattr(client, "ADDRESS_TIMEOUT_S", 2.0)
             accepted = []
@@ -153,7 +153,7 @@ def test_silent_addresses_follow_each_other_without_a_pause(monkeypatch: pytest.
             async def resolved(_: Address) -> list[tuple[socket.AddressFamily, Any]]:
                 return [(socket.AF_INET, target) for target in targets]
 
-            monkeypatch.setattr(client, "resolve", resolved)
+            monkeypatch.setattr("splatwire.transport.udp.resolve", resolved)
             with ExitStack() as silent:
                 for target in targets[:2]:
                     silent.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)).bind(target)

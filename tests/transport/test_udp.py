@@ -5,6 +5,7 @@ import errno
 import random
 import socket
 import sys
+import threading
 from collections.abc import Coroutine
 from contextlib import ExitStack
 from typing import Any
@@ -513,6 +514,39 @@ def test_local_addresses_of_few_clients_are_stored(monkeypatch: pytest.MonkeyPat
                 found.send(server, data, address)
                 assert client.recv(100) == b"x"
                 assert len(found._controls) <= 8
+
+
+@pytest.mark.parametrize("scheme", ["udp", "quic"])
+@pytest.mark.parametrize("reason", ["deadline", "stopped"])
+def test_a_transfer_ends_while_the_host_name_is_resolved(
+    monkeypatch: pytest.MonkeyPatch, scheme: str, reason: str
+) -> None:
+    """Without an answer, resolvers take up to half a minute."""
+    ended = threading.Event()
+
+    def blocked(*given: Any, **named: Any) -> Any:
+        ended.wait(30)
+        raise socket.gaierror(socket.EAI_AGAIN, "Temporary failure in name resolution")
+
+    monkeypatch.setattr(socket, "getaddrinfo", blocked)
+    receive: Any = receive_udp
+    if scheme == "quic":
+        pytest.importorskip("aioquic", reason="the package aioquic is not installed")
+        from splatwire.transport.quic.client import receive_quic as receive
+
+    async def work() -> None:
+        loop = asyncio.get_running_loop()
+        stop = loop.create_future()
+        if reason == "stopped":
+            loop.call_later(0.1, stop.cancel)
+        options = ReceiverOptions(deadline_s=0.1 if reason == "deadline" else None)
+        receiver = await receive(Address("name", 1, scheme=scheme), options, stop=stop)
+        assert receiver.finished.reason == reason
+
+    try:
+        asyncio.run(work())  # also waits for threads of the loop's executor
+    finally:
+        ended.set()
 
 
 def test_a_missing_resource_is_not_taken_for_an_unknown_host(monkeypatch: pytest.MonkeyPatch) -> None:

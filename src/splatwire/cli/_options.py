@@ -30,7 +30,7 @@ class Listening:
     port: int = 4840
     """UDP port; 0 lets the system choose."""
     host: str = "127.0.0.1"
-    """Address to listen on; 0.0.0.0 for all addresses of this machine."""
+    """Address to listen on; 0.0.0.0 for all IPv4 addresses of this machine, :: for IPv6, too."""
     rate: float | None = None
     """Fixed rate for each client in megabits per second. Default: adapted to the path."""
     total_rate: float | None = None

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from splatwire.cli._background import first_of, start_thread
+from splatwire.cli._background import first_of
 from splatwire.cli._files import STANDARD
 from splatwire.cli._listening import check_listening, open_server, print_ready, stop_on_signals
 from splatwire.cli._live_warnings import Warnings, print_if_read, rate_limited_warnings
@@ -23,6 +23,7 @@ from splatwire.sequence.frame_sources import FolderSource, FrameSource, PipeSour
 from splatwire.sequence.live_encoder import LiveEncoder
 from splatwire.sequence.live_ingest import LiveIngest, new_stream_id
 from splatwire.transport import Protection, ServedStream, ServerLimits
+from splatwire.transport.daemon_thread import start_thread
 from splatwire.transport.protocol.live_packager import PROTECTION
 from splatwire.transport.running_server import RunningServer
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.cli import _bundled
-from splatwire.cli._background import start_thread
 from splatwire.cli._datagrams import in_datagrams
 from splatwire.cli._downloads import MadeDownloads, check_formats
 from splatwire.cli._files import stream_name
@@ -32,6 +31,7 @@ from splatwire.cli.serve import Serve
 from splatwire.errors import InvalidValueError, SplatwireError
 from splatwire.transport import Protection, ServedStream, ServerLimits, make_served_stream
 from splatwire.transport.access import Access
+from splatwire.transport.daemon_thread import start_thread
 from splatwire.transport.event_log import log_event
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.origins import parse_origin

@@ -10,7 +10,6 @@ from dataclasses import replace
 from splatwire.api.following import updates_after
 from splatwire.bitstream import SceneStream, is_stream, read_stream, stream_to_bytes
 from splatwire.bitstream.sections import sections_of
-from splatwire.cli._background import start_thread
 from splatwire.cli._bundled import ASSETS, CAMERAS, SCENE
 from splatwire.cli._files import input_path, stream_name
 from splatwire.cli._listening import stop_on_signals
@@ -24,6 +23,7 @@ from splatwire.errors import BitstreamError, InvalidValueError, SplatwireError
 from splatwire.files.kinds import format_error
 from splatwire.transport import Event, Receiver, ReceiverOptions, ServedStream
 from splatwire.transport.address import check_port, parse_url, without_token
+from splatwire.transport.daemon_thread import start_thread
 from splatwire.transport.http.content import PageContent
 from splatwire.transport.http.server import PageServer
 from splatwire.types import Cameras

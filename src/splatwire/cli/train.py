@@ -82,6 +82,6 @@ class Train:
     page: int | None = None
     """With --serve: TCP port of a web page that shows the scene, 0 for a free one. Streams are then sent over QUIC."""
     host: str = "127.0.0.1"
-    """With --serve: address to listen on; 0.0.0.0 for all addresses of this machine."""
+    """With --serve: address to listen on; 0.0.0.0 for all IPv4 addresses of this machine, :: for IPv6, too."""
     json: JsonFlag = False
     """Print one JSON object."""

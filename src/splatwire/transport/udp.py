@@ -10,10 +10,12 @@ import socket
 from collections import deque
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from splatwire.errors import UnknownHostError
 from splatwire.transport.address import Address
+from splatwire.transport.daemon_thread import start_thread
 from splatwire.transport.event_log import RepeatedEvent
 from splatwire.transport.pcap import Endpoint
 from splatwire.transport.protocol.events import Event, Interrupted
@@ -217,11 +219,36 @@ async def resolve(address: Address) -> list[ServerAddress]:
         OSError: If a resource is missing, such as a file descriptor.
     """
     try:
-        addresses = await asyncio.get_running_loop().getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
+        addresses = await start_thread(
+            partial(socket.getaddrinfo, address.host, address.port, type=socket.SOCK_DGRAM), "resolver"
+        )
     except (socket.gaierror, UnicodeError) as error:  # a label of more than 63 characters is a UnicodeError
         reason = getattr(error, "strerror", None) or "it is no host name"
         raise UnknownHostError(f"the host '{address.host:.80}' is not known: {reason}") from error
     return list(dict.fromkeys((family, target) for family, *_, target in addresses))
+
+
+async def resolve_before(
+    end: "asyncio.Future[Any] | None", address: Address, most_s: float | None = None
+) -> list[ServerAddress]:
+    """Like `resolve`, but gives up when the transfer ends: without an answer, resolvers take up to half a minute.
+
+    Args:
+        end: Future that ends the transfer when it is done; None for no such future.
+        address: Address of the server.
+        most_s: Maximum duration, seconds; None for no limit.
+
+    Returns:
+        The addresses; empty if the transfer ends first.
+    """
+    resolving = asyncio.ensure_future(resolve(address))
+    try:
+        await asyncio.wait(
+            {resolving} if end is None else {resolving, end}, timeout=most_s, return_when=asyncio.FIRST_COMPLETED
+        )
+        return resolving.result() if resolving.done() else []
+    finally:
+        resolving.cancel()
 
 
 def connected_socket(family: socket.AddressFamily, target: Any) -> socket.socket:
@@ -266,7 +293,11 @@ async def receive_udp(
     if stop is not None and stop.done():
         receiver.stop()
         return receiver
-    client = _Client(await resolve(address), receiver, on_event, tap)
+    addresses = await resolve_before(stop, address, options.deadline_s)
+    if not addresses:
+        receiver.stop("stopped" if stop is not None and stop.done() else "deadline")
+        return receiver
+    client = _Client(addresses, receiver, on_event, tap)
     if stop is not None:
         stop.add_done_callback(client.stopped)
     try:

@@ -130,7 +130,11 @@ class PageServer:
         host = self.content.host
         check_port(self._wanted)
         try:
-            self._server = await asyncio.start_server(self._begin, host, self._wanted, limit=MAX_HEAD_BYTES)
+            if host == "::" and socket.has_dualstack_ipv6():  # asyncio's own socket would accept IPv6 only, unlike UDP
+                both = socket.create_server((host, self._wanted), family=socket.AF_INET6, dualstack_ipv6=True)
+                self._server = await asyncio.start_server(self._begin, sock=both, limit=MAX_HEAD_BYTES)
+            else:
+                self._server = await asyncio.start_server(self._begin, host, self._wanted, limit=MAX_HEAD_BYTES)
         except OSError as error:
             raise cannot_listen("TCP", host, self._wanted, error) from error
         return self

@@ -35,7 +35,7 @@ from splatwire.transport.quic.common import (
     limit_backoff,
     send_on_stream,
 )
-from splatwire.transport.udp import ADDRESS_TIMEOUT_S, Tap, connected_socket, new_nonce, resolve
+from splatwire.transport.udp import ADDRESS_TIMEOUT_S, Tap, connected_socket, new_nonce, resolve_before
 
 MIN_PAUSE_S, MAX_PAUSE_S = 0.25, 2.0
 """Pauses before a new connection is tried, seconds: the first pause, and the maximum after repeated doubling."""
@@ -99,7 +99,10 @@ async def receive_quic(
         receiver.stop()
         return receiver
     with _ending(options.deadline_s, stop) as end:
-        addresses = deque(await resolve(address))
+        addresses = deque(await resolve_before(end, address))
+        if not addresses:
+            receiver.stop(end.result())
+            return receiver
         num_untried = len(addresses)
         settings = configuration(is_client=True, alpn=[ALPN], idle_s=options.silence_s)
         settings.server_name = address.host
