@@ -40,7 +40,7 @@ from splatwire.lod import encode_levels
 from splatwire.types import SplatScene
 
 pytest.importorskip("raptorq", reason="the package raptorq is not installed")
-from splatwire.transport import Protection, Receiver
+from splatwire.transport import Protection, Receiver, Welcomed
 from splatwire.transport.http.server import PageLimits
 from splatwire.transport.protocol.handshake import HandshakeAttempt
 from splatwire.transport.protocol.wire import DATA, decode, message_kind
@@ -423,6 +423,17 @@ def test_standard_output_gets_only_the_last_period_of_a_live_clip(
     assert error.count("only the last one goes to standard output: name a .swz file to keep all") == 1
     _run_receive._write_period(Receive("udp://h", "a.swz"), read_stream(stream_file)[0], 1)
     assert [path.name for path in tmp_path.iterdir()] == ["a.001.swz"]
+
+
+def test_frames_of_a_live_clip_are_not_mixed_with_earlier_ones(tmp_path: Path, monkeypatch, capsys):
+    earlier = tmp_path / "clip" / "frame_000007.ply"
+    earlier.parent.mkdir()
+    earlier.write_bytes(b"ply")
+    welcomed = Welcomed(1, 1, is_live=True)
+    monkeypatch.setattr(_run_receive, "_transfer", lambda command, address, options, on_event: on_event(welcomed))
+    assert call("receive", "udp://h", "-o", str(earlier.parent)) == 2
+    assert "clip is there already and not empty: name a new folder" in capsys.readouterr().err
+    assert list(earlier.parent.iterdir()) == [earlier]
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.SPZ"])

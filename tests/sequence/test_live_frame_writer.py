@@ -62,6 +62,13 @@ def test_packets_are_dropped_with_a_warning_if_frames_are_written_too_slowly(
     ]
 
 
+@pytest.mark.parametrize(("name", "writes_frames"), [("clip", True), ("clip.swz", False), ("clip.SWZ", False)])
+def test_stream_files_get_no_frames(tmp_path: Path, name: str, writes_frames: bool) -> None:
+    with LiveFrameWriter(tmp_path / name, None, lambda *_: None) as live:
+        live.on_event(Welcomed(1, 1, is_live=True))
+        assert live.writes_frames == live.began == (tmp_path / name).exists() == writes_frames
+
+
 def test_memory_is_bounded_for_every_kind_of_event(monkeypatch: pytest.MonkeyPatch) -> None:
     """A server may send manifests and replace its stream without end, too."""
     monkeypatch.setattr(waiting_events, "MAX_WAITING_BYTES", 10 * SIZE)

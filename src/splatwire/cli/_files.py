@@ -177,11 +177,20 @@ def output_folder(name: str) -> Iterator[Path]:
     target = Path(name)
     check_folder(target)
     remove_unfinished(target)
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise InvalidValueError(f"{target} is there already and not empty: name a new folder")
+    check_empty(target)
     with atomic_output(target) as made:
         made.mkdir()
         yield made
+
+
+def check_empty(path: Path) -> None:
+    """Checks that an output folder is missing or empty, so that its files are not mixed with earlier ones.
+
+    Raises:
+        InvalidValueError: If the path exists and is not an empty folder.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise InvalidValueError(f"{path} is there already and not empty: name a new folder")
 
 
 def check_folder(path: Path) -> None:

@@ -14,7 +14,7 @@ from types import ModuleType
 
 from splatwire.bitstream import SceneStream, write_stream
 from splatwire.bitstream.stream import FILE_SUFFIX
-from splatwire.cli._files import STANDARD, check_folder, output_path, prepared_output, read_report_json
+from splatwire.cli._files import STANDARD, check_empty, check_folder, output_path, prepared_output, read_report_json
 from splatwire.cli._input_warnings import DAMAGED
 from splatwire.cli._output import Reporter, print_json, print_summary, progress_bars
 from splatwire.cli._receiving import (
@@ -68,8 +68,10 @@ def run(command: Receive) -> None:
                     f"{url} is a live clip, whose frames cannot be written to {command.output}: name a folder for "
                     f"them, or a {FILE_SUFFIX} file"
                 )
-            if isinstance(event, Welcomed) and event.is_live and command.conceal is not None:
+            writes_frames = live.writes_frames or command.conceal is not None
+            if isinstance(event, Welcomed) and event.is_live and writes_frames and not live.began:
                 check_folder(Path(command.output))
+                check_empty(Path(command.output))
             moments.on_event(event, show)
             live.on_event(event)
             if isinstance(event, StreamReplaced) and not live.began:

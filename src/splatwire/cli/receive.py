@@ -19,10 +19,10 @@ class Receive:
     url: tyro.conf.Positional[str]
     """udp://HOST[:PORT][/NAME], quic://HOST[:PORT][/NAME][?token=TOKEN] or moq://RELAY[:PORT][/PATH]/NAME."""
     output: Annotated[str, tyro.conf.arg(aliases=["-o"])]
-    """Stream to write: one file if the name ends in .swz (or is -), otherwise a folder of packets. Live clips: a folder
-    with one PLY per frame, written as soon as the frame is complete; with .swz one file per period, the last one under
-    this name, earlier ones as NAME.000.swz and so on. With --conceal a scene file; names that end in .ply, .spz, .sog
-    or .splat get explicit Gaussians. If only the preview arrived, it is written as NAME.preview.ply."""
+    """Stream to write: one file if the name ends in .swz (or is -), otherwise a folder of packets. Live clips: a new
+    folder with one PLY per frame, written as soon as the frame is complete; with .swz one file per period, the last one
+    under this name, earlier ones as NAME.000.swz and so on. With --conceal a scene file; names that end in .ply, .spz,
+    .sog or .splat get explicit Gaussians. If only the preview arrived, it is written as NAME.preview.ply."""
     deadline: str | None = None
     """Time after which the received packets are written, e.g. 2s or 500ms. Default: wait for all packets. If packets
     are missing, the exit status is 3 without --partial. Ctrl-C writes the received packets, too."""

@@ -34,6 +34,11 @@ class LiveFrameWriter:
         """Number of received packets that were dropped, because frames were written too slowly."""
 
     @property
+    def writes_frames(self) -> bool:
+        """True if frames of a live stream are written: the path does not have the suffix of a stream file."""
+        return self._folder.suffix.lower() != FILE_SUFFIX
+
+    @property
     def began(self) -> bool:
         """True if the received stream is live and the writing of its frames has begun."""
         return self._thread is not None
@@ -46,7 +51,7 @@ class LiveFrameWriter:
         """
         if self._error is not None:
             raise self._error
-        if isinstance(event, Welcomed) and event.is_live and not self.began and self._folder.suffix != FILE_SUFFIX:
+        if isinstance(event, Welcomed) and event.is_live and not self.began and self.writes_frames:
             self._folder.mkdir(exist_ok=True)
             self._thread = threading.Thread(target=self._work, name="frames", daemon=True)
             self._thread.start()
