@@ -56,7 +56,8 @@ export class JitterBuffer {
     this.#steadyGroups = now - this.#arrivedAt > nominalSeconds / 2 ? this.#steadyGroups + 1 : 0;
     this.#arrivedAt = now;
     if (this.#steadyGroups < this.#steadyGroupsNeeded) return;
-    const last = this.#frameZeroCandidates.slice(-this.#steadyGroups),
+    // Not all steady ones: if the groups of the outage are lost, all count as one, which arrived with a long delay.
+    const last = this.#frameZeroCandidates.slice(-this.#steadyGroupsNeeded),
       wanted = Math.max(...last) + MARGIN_S;
     if (this.#frameZeroAt - wanted < JUMP_SURPLUS_S) return;
     this.#frameZeroCandidates.splice(0, this.#frameZeroCandidates.length - last.length);

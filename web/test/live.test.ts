@@ -9,15 +9,21 @@ const RATE = 30,
   GROUP = 15,
   STEP_S = 0.004;
 
-/** Plays groups that arrive `delays` seconds after their last frame. Returns the time of each shown frame. */
-function played(delays: readonly number[]): { buffer: JitterBuffer; shown: Map<number, number> } {
+/**
+ * Plays groups that arrive `delays` seconds after their last frame, or never (`isLost`). Returns the time of each shown
+ * frame.
+ */
+function played(
+  delays: readonly number[],
+  isLost = (_group: number): boolean => false,
+): { buffer: JitterBuffer; shown: Map<number, number> } {
   const buffer = new JitterBuffer(RATE),
     shown = new Map<number, number>(),
     came = delays.map((delay, group) => ((group + 1) * GROUP) / RATE + delay),
     end = came[came.length - 1] + (2 * GROUP) / RATE;
   let next = 0;
   for (let now = 0; now < end; now += STEP_S) {
-    while (next < came.length && came[next] <= now) buffer.add(0, ++next * GROUP, now);
+    for (; came[next] <= now; next++) if (!isLost(next)) buffer.add(0, (next + 1) * GROUP, now);
     const due = buffer.due(now);
     assert.ok(due === null || due < next * GROUP);
     if (due !== null && !shown.has(due)) shown.set(due, now);
@@ -72,19 +78,20 @@ function outage(groups: number, begins: number, lasts: number): number[] {
   });
 }
 
-for (const lasts of [3, 7, 20, 60]) {
-  test(`playback is live again within two seconds after an outage of ${lasts} s`, () => {
-    const begins = 15,
-      groups = Math.ceil(((begins + lasts + 10) * RATE) / GROUP),
-      { shown } = played(outage(groups, begins, lasts));
-    for (const [frame, time] of shown)
-      if (time > begins + lasts + 2 + GROUP / RATE && frame < (groups - 1) * GROUP) {
-        const behind = time - frame / RATE;
-        assert.ok(behind < 2 * (GROUP / RATE) + 0.3, `frame ${frame} is ${behind} s behind`);
-      }
-    assert.ok(shown.has(groups * GROUP - 1));
-  });
-}
+for (const lasts of [3, 7, 20, 60])
+  for (const isLost of [false, true])
+    test(`playback is live again within two seconds after an outage of ${lasts} s, groups lost: ${isLost}`, () => {
+      const begins = 15,
+        groups = Math.ceil(((begins + lasts + 10) * RATE) / GROUP),
+        delays = outage(groups, begins, lasts),
+        { shown } = played(delays, (group) => isLost && delays[group] > 0.05);
+      for (const [frame, time] of shown)
+        if (time > begins + lasts + 2 + GROUP / RATE && frame < (groups - 1) * GROUP) {
+          const behind = time - frame / RATE;
+          assert.ok(behind < 2 * (GROUP / RATE) + 0.3, `frame ${frame} is ${behind} s behind`);
+        }
+      assert.ok(shown.has(groups * GROUP - 1));
+    });
 
 test("occasional late groups cause at most one stall", () => {
   const delays = Array.from({ length: 90 }, (_, n) => (n % 10 === 9 ? 1.5 : 0.05)),
