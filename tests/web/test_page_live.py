@@ -112,6 +112,22 @@ def test_live_clip_plays_with_concealment_and_ends() -> None:
 
 
 @pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
+def test_live_clip_is_shown_at_localhost() -> None:
+    """Chromium opens sessions with `localhost` at [::1] only, and the server listens on 127.0.0.1."""
+    served = editions(2)
+
+    async def work() -> None:
+        async with live_server() as (server, url):
+            with isolated_page() as page:
+                await asyncio.to_thread(page.open, url.replace("127.0.0.1", "localhost"))
+                for edition in served:
+                    server.set_stream("live", edition)
+                assert await asyncio.to_thread(page.wait_for, f"{STATUS}?.gaussians > 0 && {STATUS}.transport")
+
+    run(work())
+
+
+@pytest.mark.skipif(executable() is None, reason="Chromium is not installed")
 def test_page_draws_a_live_clip_whose_source_changes_degree_and_antialiasing() -> None:
     """The source of the frames is replaced; a period begins with its settings."""
     ids, frames = itertools.count(71), moving_frames(300, GROUP)

@@ -146,3 +146,42 @@ for (const [name, sending] of Object.entries(USEFUL))
     const [, ms] = await endOf(sending);
     assert.ok(ms >= STOP_MS && ms < STOP_MS + 1000, `${ms} ms`);
   });
+
+/** Returns the URLs of the sessions that are tried for an address at which no server listens. */
+async function triedFor(url: string): Promise<string[]> {
+  const world = globalThis as Record<string, unknown>,
+    tried: string[] = [];
+  world["WebTransport"] = class {
+    readonly ready = Promise.reject(new Error("refused"));
+    readonly closed = new Promise(() => undefined);
+    constructor(address: string) {
+      tried.push(address);
+    }
+    close(): void {}
+  };
+  mock.timers.enable({ apis: ["setTimeout"] });
+  let ended = "";
+  try {
+    receiveDatagrams({ url }, "a", {} as Listener, null, { isRetry: true, isOnlySource: false }).catch(
+      (error: unknown) => (ended = (error as Error).message),
+    );
+    while (!ended) {
+      await new Promise((resolve) => setImmediate(resolve));
+      mock.timers.tick(STEP_MS);
+    }
+    assert.equal(ended, "refused");
+    return tried;
+  } finally {
+    mock.timers.reset();
+    delete world["WebTransport"];
+  }
+}
+
+test("sessions with localhost are tried at 127.0.0.1 first", async () => {
+  for (const host of ["localhost", "LOCALHOST.", "scenes.localhost"]) {
+    const url = new URL(`https://${host}:4840/splatwire`).href;
+    assert.deepEqual(await triedFor(url), ["https://127.0.0.1:4840/splatwire", url]);
+  }
+  for (const url of ["https://notlocalhost:4840/a", "https://localhost.example/a", "https://127.0.0.1:4840/a"])
+    assert.deepEqual(await triedFor(url), [url]);
+});

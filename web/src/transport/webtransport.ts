@@ -276,10 +276,25 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
 }
 
 /**
+ * Opens a session. For `localhost`, Chromium tries only [::1], and servers listen on 127.0.0.1 by default, which is
+ * therefore tried first.
+ */
+async function openSession(session: SessionAddress, options: SessionOptions): Promise<WebTransport> {
+  const url = new URL(session.url);
+  if (/(^|\.)localhost\.?$/.test(url.hostname)) {
+    url.hostname = "127.0.0.1";
+    try {
+      return await openSessionAt({ ...session, url: url.href }, options);
+    } catch {} // the server may listen on [::1]
+  }
+  return openSessionAt(session, options);
+}
+
+/**
  * Opens a session with staggered parallel handshakes. A lost first datagram can make the server refuse a handshake, and
  * a lost later one delays it.
  */
-async function openSession(
+async function openSessionAt(
   { url, fingerprint }: SessionAddress,
   { isRetry, isOnlySource }: SessionOptions,
 ): Promise<WebTransport> {
