@@ -1,6 +1,7 @@
 """Definition of an evaluation: scenes, methods (table rows), loss models and seeds, as frozen data."""
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -263,7 +264,10 @@ class Study:
         _unique("scene", [scene.name for scene in self.scenes], least=1)
         _unique("row", [row.key for row in self.rows], least=1)
         _unique("row label", [row.label for row in self.rows], least=1)
-        _unique("setting of a row", [_settings(row) for row in self.rows], least=1)
+        settings = [(row.key, _settings(row)) for row in self.rows]
+        for (one, of_one), (two, of_two) in itertools.combinations(settings, 2):
+            if of_one == of_two:
+                raise InvalidValueError(f"rows '{one}' and '{two}' have the same settings: keep one of them")
         _unique("loss", [loss.label for loss in self.losses], least=0 if self.kind == "sizes" else 1)
         _unique("seed", [str(seed) for seed in self.seeds], least=1)
         if min(self.seeds) < 0 or len(self.seeds) > MAX_SEEDS:

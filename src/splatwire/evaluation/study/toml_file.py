@@ -29,6 +29,8 @@ from splatwire.types.background import Background, check_background
 
 MAX_FILE_BYTES = 1 << 20
 _ARRAYS = ("scene", "loss", "row", "published")
+_HEADINGS = {**{name: f"[[{name}]]" for name in _ARRAYS}, "decoded": "[[row.decoded]]"}
+"""Headings of tables that may be repeated, by name."""
 _VARIABLE = re.compile(r"\$(?:\{(\w+)\}|(\w+))")
 _STUDY = {
     "name": str, "title": str, "kind": str, "notes": list, "baseline": str, "seeds": list, "metrics": list,
@@ -134,7 +136,7 @@ def _tables(content: Mapping[str, Any], name: str) -> list[tuple[str, dict[str, 
     tables = content.get(name, [])
     for number, table in enumerate(tables, 1):
         if not isinstance(table, dict):
-            raise InvalidValueError(f"{name} {number} is not a table: write [[{name}]]")
+            raise InvalidValueError(f"{name} {number} is not a table: write {_HEADINGS[name]}")
     return [(f"[[{name}]] {number}", dict(table)) for number, table in enumerate(tables, 1)]
 
 
@@ -146,6 +148,8 @@ def _check_keys(
             raise InvalidValueError(f"{location} has an unknown key '{key}'{_hint(key, types)}")
         wanted = types[key]
         number = wanted is float and type(value) is int
+        if key in _HEADINGS and isinstance(value, dict):
+            raise InvalidValueError(f"{location}: {key} has single brackets: write {_HEADINGS[key]}")
         if type(value) is not wanted and not number:
             raise InvalidValueError(f"{location}: {key} must be {_TYPES[wanted]}, not {value!r:.60}")
     for key in needed:
