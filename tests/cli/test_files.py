@@ -237,6 +237,25 @@ def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monk
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("render", "{scene}"), "picture.png"),
+        (("render", "{scene}"), "picture.webp"),
+        (("evaluate", "{scene}", "--reference", "{scene}"), "report.html"),
+        (("compare", "{scene}", "{scene}"), "report.html"),
+        (("publish", "{scene}"), "page.html"),
+        (("demo",), "report.html"),
+        (("convert", "{scene}", "--to", "ply"), "scene.ply"),
+    ],
+)
+def test_a_new_folder_is_not_named_like_a_file(run, journey, tmp_path, words, name):
+    done = run(*(word.format(scene=journey / "tiny.scene") for word in words), "-o", tmp_path / name)
+    assert_complains(done, name, "but a folder is written")
+    assert ("`thumb` draws one picture" in done.err) is (words[0] == "render")
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("named", ["a", "link", "./b/../a"])
 @pytest.mark.parametrize(
     ("words", "name"),

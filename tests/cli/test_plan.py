@@ -151,6 +151,7 @@ def test_a_plan_does_not_replace_its_stream(run, datagrams):
 def test_invalid_options_are_one_error_line(run, datagrams):
     assert "--deadline and --rate together" in run("plan", datagrams, "--deadline", 1.0).err
     assert "unknown loss" in run("plan", datagrams, "--loss", "weather").err.lower()
+    assert "a plan is a file" in run("plan", datagrams, "-o", "-").err
 
 
 def test_motion_protection_of_a_plan_is_validated():

@@ -32,6 +32,7 @@ _FORMATS = {
     ".png": "a picture",
     ".jpg": "a picture",
     ".jpeg": "a picture",
+    ".webp": "a picture",
 }
 """File format that each known suffix stands for."""
 _HEAD_BYTES = 1 << 16
@@ -193,17 +194,23 @@ def check_empty(path: Path) -> None:
         raise InvalidValueError(f"{path} is there already and not empty: name a new folder")
 
 
-def check_folder(path: Path) -> None:
+def check_folder(path: Path, instead: str = "name a folder") -> None:
     """Checks that an output folder can be created, before the work starts.
+
+    Args:
+        path: Output path given by the user.
+        instead: Hint for users who want a file.
 
     Raises:
         InvalidValueError: If the path exists and is not a folder, its parent folder does not exist or is not writable,
-            or the path means standard output.
+            a new folder would have the suffix of a file format, or the path means standard output.
     """
     if str(path) == STANDARD:
         raise InvalidValueError("a folder is written, which standard output cannot be: give -o a name")
     if path.exists() and not path.is_dir():
         raise InvalidValueError(f"{path}: not a folder, so nothing can be written into it")
+    if not path.exists() and (named := _FORMATS.get(path.suffix.lower())) is not None:
+        raise InvalidValueError(f"{path}: the name says {named}, but a folder is written: {instead}")
     check_writable(path, inside=True)
 
 

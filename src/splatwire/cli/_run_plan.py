@@ -9,7 +9,7 @@ from typing import Any
 from splatwire.bitstream import SceneStream, read_stream
 from splatwire.channel import LossModel, parse_loss
 from splatwire.cli._datagrams import in_datagrams
-from splatwire.cli._files import check_inputs, input_path, prepared_output, refuse_own_input
+from splatwire.cli._files import STANDARD, check_inputs, input_path, prepared_output, refuse_own_input
 from splatwire.cli._output import print_json, progress_bars, refuse_options
 from splatwire.cli.plan import PlanCommand
 from splatwire.data import open_dataset
@@ -88,6 +88,8 @@ def _check(command: PlanCommand) -> None:
     if not command.streams:
         raise InvalidValueError("name at least one stream to plan for")
     if command.output is not None:
+        if str(command.output) == STANDARD:
+            raise InvalidValueError("a plan is a file: give -o a name, or --json without -o for standard output")
         prepared_output(command.output)
         refuse_own_input(command.output, *command.streams)
     check_inputs(command.data, command.reference)
@@ -156,7 +158,8 @@ def _read(path: str) -> SceneStream:
     with input_path(path) as file:
         stream = read_stream(file)[0]
     if len(stream.packets) != stream.manifest.num_packets:
-        raise InvalidValueError(f"only {len(stream.packets)} of {stream.manifest.num_packets} packets are there")
+        total = stream.manifest.num_packets
+        raise InvalidValueError(f"{path}: only {len(stream.packets)} of {total} packets are there")
     if not stream.manifest.schema.timed:
         stream.require_static(path)
     return in_datagrams(stream, path)

@@ -62,7 +62,7 @@ def _draw_sequence(command: Render, stream: SceneStream, cameras: Cameras | None
 
 def _draw_scene(command: Render, source: Path, cameras: Cameras | None, background: Background | None) -> None:
     concealer = create_concealer(command.conceal or "drop")
-    check_folder(command.output)
+    check_folder(command.output, "name a folder; `thumb` draws one picture")
     scene, num_lost = drawable_scene(source, concealer)
     if cameras is None:
         cameras = framing_cameras(scene, _NUM_VIEWS, _VIEW_SIZE)
