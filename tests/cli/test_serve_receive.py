@@ -587,6 +587,19 @@ def test_signals_have_their_handlers_again_after_a_transfer():
         signal.signal(signal.SIGTERM, outside)
 
 
+def test_a_repeated_signal_does_not_end_the_writing_of_a_stopped_transfer():
+    """`timeout` sends each signal twice."""
+
+    async def transfer(stop: asyncio.Future[None]) -> Receiver:
+        signal.raise_signal(signal.SIGINT)
+        await asyncio.wait([stop], timeout=600)
+        asyncio.get_running_loop().call_soon(signal.raise_signal, signal.SIGINT)
+        return Receiver(1, 0.0)
+
+    _, signals = asyncio.run(_run_receive._stoppable(transfer))
+    assert signals == [signal.SIGINT] * 2
+
+
 def test_transfer_ends_if_a_handler_before_it_was_not_pythons(monkeypatch):
     from splatwire.cli._receiving import canceling_on_signals
 

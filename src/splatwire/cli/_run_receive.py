@@ -44,6 +44,11 @@ from splatwire.transport.address import Address, parse_url, without_token
 from splatwire.transport.pcap import Capture
 from splatwire.transport.protocol.events import Resumed
 
+REPEATED_SIGNAL_S = 0.2
+"""Time after a signal in which further ones have no effect, seconds: `timeout` sends each signal twice, and the second
+one must not end the writing of what was received.
+"""
+
 
 def run(command: Receive) -> None:
     """Runs `splatwire receive`: receives a stream from a server and writes the scene."""
@@ -307,7 +312,10 @@ async def _stoppable(
     """
     stop = asyncio.get_running_loop().create_future()
     with canceling_on_signals(stop) as signals:
-        return await transfer(stop), signals
+        receiver = await transfer(stop)
+        if signals:
+            await asyncio.sleep(REPEATED_SIGNAL_S)
+        return receiver, signals
 
 
 def parse_seconds(text: str) -> float:
