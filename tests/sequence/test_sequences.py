@@ -346,6 +346,18 @@ def test_missing_or_invalid_frame_is_reported(tmp_path, caplog):
         frame_files(tmp_path)
 
 
+def test_decimal_numbers_in_another_order_give_a_warning(tmp_path, caplog):
+    times, counts = tmp_path / "times", tmp_path / "counts"
+    for folder, numbers in ((times, ("0.0", "0.25", "0.5", "1.0")), (counts, ("0.25", "0.50", "1.00"))):
+        folder.mkdir()
+        for number in numbers:
+            write_splats(moving_frames(30, 1), folder / f"t_{number}.ply")
+    frame_files(counts)
+    assert not caplog.messages
+    frame_files(times)
+    assert "frame t_0.25.ply is after t_0.5.ply" in caplog.text
+
+
 def test_opacity_of_lost_tracks_follows_the_birth_probability():
     assert started_share(np.array([0, 0, 2, 3]), 5).tolist() == [0.5, 0.5, 0.75, 1, 1]
     assert started_share(np.zeros(0, np.int64), 3).tolist() == [1, 1, 1]

@@ -174,6 +174,7 @@ def frame_files(folder: str | os.PathLike[str]) -> list[Path]:
         if path.is_file() and path.suffix.lower() in endings and not is_frame(path):
             raise DatasetError(format_error(path, f"a frame, as other {path.suffix} files there are"))
     _warn_of_gaps(source, [path.name for path in frame_paths])
+    _warn_of_decimals(source, [path.name for path in frame_paths])
     return frame_paths
 
 
@@ -191,6 +192,20 @@ def _warn_of_gaps(source: Path, names: list[str]) -> None:
             "%s: frames are missing after %s%s: the clip continues with the next frame", source, ", ".join(missing[:3]),
             " and others" if len(missing) > 3 else "",
         )  # fmt: skip
+
+
+def _warn_of_decimals(source: Path, names: list[str]) -> None:
+    """Logs a warning if file names have decimal numbers, such as times, and the frames are in another order."""
+    matches = [re.fullmatch(r"\D*(\d+\.\d+)\D*", name) for name in names]
+    for before, after in itertools.pairwise(matches):
+        if before is None or after is None:
+            return
+        if float(before[1]) > float(after[1]):
+            LOG.warning(
+                "%s: frame %s is after %s, because numbers after a point are compared as whole numbers: if they are "
+                "decimals, give all of them the same number of digits", source, after[0], before[0],
+            )  # fmt: skip
+            return
 
 
 @checked
