@@ -60,7 +60,7 @@ def step_shift(base_exponents, attribute, precision_class, area, elongation, fla
 def position_shift(base_exponents, precision_class, s0, elongation, flatness, opacity, lattice_bits, max_shift):
     """Computes log2 of the quantisation step of a Gaussian's position.
 
-    The step is at most half the Gaussian's second-largest scale.
+    The step is at most half the Gaussian's second-largest scale, but at least one lattice spacing.
 
     Args:
         base_exponents: `-log2` of each attribute's quantisation step in precision class 0, `STEP_BITS` fractional bits.
@@ -76,7 +76,7 @@ def position_shift(base_exponents, precision_class, s0, elongation, flatness, op
     Returns:
         log2 of the step in lattice spacings, 0 to `max_shift`.
     """
-    # The step is at most half the second scale.
+    # `1 - floor(log2 s1)` is the exponent of a step of at most half the second scale s1.
     exponent = step_exponent(
         base_exponents, STEP_POSITION, precision_class, 2 * s0 - elongation, elongation, flatness, opacity
     )

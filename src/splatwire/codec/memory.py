@@ -4,7 +4,8 @@ They protect against damaged or malicious streams that announce too many element
 """
 # A stream of few bytes can announce any number of elements. Decoders therefore compute their memory, in total and per
 # thread, before allocating it. The limit is about ten times the need of real streams. It is never below `FREE_BYTES`,
-# which suffices for a million anchors or Gaussians, so that a stream with few received packets can be decoded, too.
+# so that a stream with few received packets can be decoded, too: a scene of 600,000 Gaussians of degree 3 (244 bytes
+# each), 2.4 million of degree 0 (64 bytes), or about 100,000 anchors of 50 features and 10 offsets.
 
 import os
 from collections.abc import Iterator, Sequence

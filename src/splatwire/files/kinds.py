@@ -416,7 +416,8 @@ def kind_of_bytes(head: bytes, size: int, suffix: str = "") -> Kind:
     Args:
         head: First bytes of the file.
         size: Size of the file, bytes.
-        suffix: Suffix of the file name, for formats without a magic number (`.splat`, `.ksplat`, SOG).
+        suffix: Suffix of the file name, for formats without a magic number of their own (`.splat`, `.ksplat`, SOG,
+            `.usdz`).
     """
     return _plugin_kind(_built_in_kind(head, size, suffix), head, suffix)
 

@@ -19,8 +19,9 @@ class FileFormat:
         name: Name in messages and in `splatwire export`, such as `spz`.
         description: Description of such a file with its article, such as `an SPZ file`, for messages.
         recognises: Function that returns True for a file of this format. Its arguments are the first bytes of the file
-            (up to 65,536) and the suffix of the file name in lower case (`.spz`). It is called only for files that no
-            built-in format matches. None for built-in formats.
+            (up to 65,536) and the suffix of the file name in lower case (`.spz`). It is called for files
+            about which splatwire has no advice of its own (`Kind.use` is empty): of unknown formats, and, for example,
+            text, JSON, archives, NumPy arrays and PLYs without Gaussians. None for built-in formats.
         read: Function that reads a file. Without `scene_type`, it returns `splatwire.io.formats.FileContent` or
             `splatwire.types.splats.Splats`. With `scene_type`, it returns a scene of that type. None for write-only
             formats.

@@ -1,4 +1,4 @@
-"""Rendering of Gaussians: a common interface, a compiled CPU renderer, a simple reference, and gsplat on GPUs."""
+"""Rendering of Gaussians: interfaces of renderers, the compiled CPU renderer, and what is measured by rendering."""
 
 # The names of `__all__` are imported on first use, so that importing the package compiles nothing.
 

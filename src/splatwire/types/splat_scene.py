@@ -26,7 +26,8 @@ class SplatCoding(CheckedFields):
     """Quantisation parameters of decoded Gaussians. Encoding them again with these parameters is lossless.
 
     Attributes:
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size: the median distance of the Gaussians from their median position, rounded down
+            to a power of two, in world units.
         lattice_bits: Precision of decoded positions. They are multiples of half a lattice spacing; the spacing is
             `2 ** (size_log - lattice_bits)` world units.
         max_position_shift: The largest quantisation step of positions is `2 ** max_position_shift` lattice spacings.

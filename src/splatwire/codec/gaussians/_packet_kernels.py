@@ -353,7 +353,9 @@ def encode_limited(
     counts,
     ends,
 ):
-    """Encodes a block of n Gaussians in packets of limited size, each with as many Gaussians as fit.
+    """Encodes a block of n Gaussians in packets of limited size, each nearly full.
+
+    The encoder aims at 31/32 of the size and accepts a packet above 7/8 of it, or, after seven attempts, any that fits.
 
     Args:
         tables: Tables of the entropy coder, from `SideInfo.kernel_tables`.
@@ -385,7 +387,7 @@ def encode_limited(
             if at
             else min(max(max_payload_bytes // ASSUMED_GAUSSIAN_BYTES, 1), num_left)
         )
-        # Searches for the largest number of Gaussians that fit into the packet: `low` fit, `high` do not.
+        # Searches for a number of Gaussians that nearly fill the packet: `low` fit, `high` do not.
         while high - low > 1:
             length = _encode_packet(
                 tables, step_parameters, models, statistics, box_bits, block_means, source, begin, buffer[at:],

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from splatwire.codec.gaussians import _source_kernels as sources
-from splatwire.codec.gaussians.blocks import CHUNK_GAUSSIANS, chunks
+from splatwire.codec.gaussians.blocks import CACHE_GAUSSIANS, chunks
 from splatwire.codec.gaussians.layout import (
     BITS,
     COLUMNS,
@@ -56,15 +56,18 @@ def scene_middle(splats: Splats) -> np.ndarray:
 
 
 def log2_scene_size(splats: Splats) -> int:
-    """Returns log2 of a scene's size, rounded down. The size is the median distance of Gaussians from the centre."""
+    """Returns log2 of the scene size, rounded down; from -32 to 32.
+
+    The scene size is the median distance of the Gaussians from the centre (`scene_middle`), in world units.
+    """
     means, middle, squares = splats.means, scene_middle(splats), large_empty((splats.num_gaussians,), np.float64)
 
     def square(begin: int) -> None:
-        positions = means[begin : begin + CHUNK_GAUSSIANS]
+        positions = means[begin : begin + CACHE_GAUSSIANS]
         x, y, z = (column.astype(np.float64) - m for column, m in zip(positions.T, middle, strict=True))
-        squares[begin : begin + CHUNK_GAUSSIANS] = x * x + y * y + z * z
+        squares[begin : begin + CACHE_GAUSSIANS] = x * x + y * y + z * z
 
-    parallel_map(square, range(0, len(squares), CHUNK_GAUSSIANS))
+    parallel_map(square, range(0, len(squares), CACHE_GAUSSIANS))
     distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
     return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
 

@@ -20,7 +20,7 @@ from splatwire.ops.morton import MAX_AXIS_BITS
 from splatwire.ops.order_statistics import quantiles
 from splatwire.ops.threads import parallel_map
 
-CHUNK_GAUSSIANS = 1 << 13
+CACHE_GAUSSIANS = 1 << 13
 """Maximum number of Gaussians converted at a time, whose intermediate results fit into the processor's caches."""
 TYPICAL_BLOCK_GAUSSIANS = 3000
 """Number of Gaussians of a typical block."""
@@ -58,9 +58,9 @@ class Boxes:
 
 
 def chunks(values: np.ndarray) -> Iterator[np.ndarray]:
-    """Yields consecutive slices of an array along the first axis, of at most `CHUNK_GAUSSIANS` entries each."""
-    for begin in range(0, len(values), CHUNK_GAUSSIANS):
-        yield values[begin : begin + CHUNK_GAUSSIANS]
+    """Yields consecutive slices of an array along the first axis, of at most `CACHE_GAUSSIANS` entries each."""
+    for begin in range(0, len(values), CACHE_GAUSSIANS):
+        yield values[begin : begin + CACHE_GAUSSIANS]
 
 
 def float64_chunks(values: np.ndarray) -> Iterator[np.ndarray]:
@@ -99,17 +99,17 @@ def gaussian_order(means: np.ndarray, tiers: np.ndarray | None) -> np.ndarray:
     codes = large_empty((len(means),), np.int64)
 
     def encode_slice(begin: int) -> None:
-        warped = compressed(means[begin : begin + CHUNK_GAUSSIANS].astype(np.float64))
+        warped = compressed(means[begin : begin + CACHE_GAUSSIANS].astype(np.float64))
         warped -= first
         warped /= size
         warped *= (1 << MAX_AXIS_BITS) - 1
         used_bits = kernels.write_codes(
-            np.rint(warped, out=warped).astype(np.int64), 0, codes[begin : begin + CHUNK_GAUSSIANS]
+            np.rint(warped, out=warped).astype(np.int64), 0, codes[begin : begin + CACHE_GAUSSIANS]
         )
         if used_bits >> MAX_AXIS_BITS:  # not 0 for negative numbers either
             raise ValueError("positions must be finite to have a code")
 
-    parallel_map(encode_slice, range(0, len(means), CHUNK_GAUSSIANS))
+    parallel_map(encode_slice, range(0, len(means), CACHE_GAUSSIANS))
     return code_order(codes, 3 * MAX_AXIS_BITS, tiers)
 
 

@@ -12,7 +12,7 @@ from splatwire.codec.antialiasing import SECTION as ANTIALIASED
 from splatwire.codec.background import BACKGROUND_SECTION
 from splatwire.codec.gaussians import _packet_kernels as kernels
 from splatwire.codec.gaussians.attributes import empty_rows, fill_splats, update_digest
-from splatwire.codec.gaussians.blocks import CHUNK_GAUSSIANS
+from splatwire.codec.gaussians.blocks import CACHE_GAUSSIANS
 from splatwire.codec.gaussians.copies import read_copies
 from splatwire.codec.gaussians.layout import (
     AXIS,
@@ -70,7 +70,7 @@ class GaussianDecoder:
 
     def working_bytes(self, packets: Sequence[Packet]) -> int:
         """Returns the memory that each decoding thread needs in addition to the scene, bytes."""
-        # Integers of several pending blocks, floats of `CHUNK_GAUSSIANS` Gaussians, and words of the largest packet.
+        # Integers of several pending blocks, floats of `CACHE_GAUSSIANS` Gaussians, and words of the largest packet.
         spans = (span for span in self._plan.spans if span.num_elements)
         largest = max((self._plan.block_elements(span.first_block) for span in spans), default=0)
         return largest * (4 * self.row_bytes + 64) + (4 << 20) + packet_reader_bytes(packets)
@@ -241,8 +241,8 @@ def store_block(
     filled = rows.copy() if len(lost) else rows
     if len(lost):
         filled[lost] = _estimate_lost(info, block, rows[received][:, POSITION : POSITION + 3], len(lost))
-    for first in range(0, len(rows), CHUNK_GAUSSIANS):
-        chunk = slice(first, first + CHUNK_GAUSSIANS)
+    for first in range(0, len(rows), CACHE_GAUSSIANS):
+        chunk = slice(first, first + CACHE_GAUSSIANS)
         corners = np.broadcast_to(info.boxes.corners[block], filled[chunk][:, :3].shape)
         fill_splats(
             splats,

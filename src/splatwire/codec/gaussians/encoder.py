@@ -39,6 +39,8 @@ MIN_FITTED = 128
 """Minimum number of these packets."""
 MAX_FITTED = 640
 """Maximum number of these packets, which limits the encoding time."""
+MAX_TRANSFORM_SAMPLE = 19_200
+"""Maximum number of Gaussians to which the transform of harmonics is fitted."""
 BYTES_PER_GAUSSIAN = 160
 """Size of the output buffer per Gaussian, bytes: an upper limit of its coded size without harmonics."""
 BYTES_PER_HARMONIC = 12
@@ -154,7 +156,7 @@ def scene_transform(scene: SourceScene) -> np.ndarray:
         return np.zeros((0, 0), dtype=np.int64)
     blocks = scene.sample_blocks()
     sample = np.concatenate([np.arange(scene.edges[b], scene.edges[b + 1]) for b in blocks])
-    sample = sample[:: -(-len(sample) // (FITTED_PACKET * MIN_FITTED))]
+    sample = sample[:: -(-len(sample) // MAX_TRANSFORM_SAMPLE)]
     return fit_transform(to_harmonics(scene.splats_at(sample)), 2.0 ** scene.classes_at(sample))
 
 

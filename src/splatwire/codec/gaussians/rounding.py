@@ -5,7 +5,7 @@ import numpy as np
 from splatwire.bitstream import PRESETS, PacketPlan
 from splatwire.codec.gaussians import _rounding_kernels as kernels
 from splatwire.codec.gaussians.attributes import empty_rows, to_sources, to_splats, transform_harmonics
-from splatwire.codec.gaussians.blocks import CHUNK_GAUSSIANS, to_lattice
+from splatwire.codec.gaussians.blocks import CACHE_GAUSSIANS, to_lattice
 from splatwire.codec.gaussians.encoder import scene_transform
 from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.gaussians.source_scene import SourceScene
@@ -56,7 +56,7 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
     result = Splats.empty(splats.num_gaussians, splats.degree)
 
     def round_slice(begin: int) -> None:
-        end = min(begin + CHUNK_GAUSSIANS, splats.num_gaussians)
+        end = min(begin + CACHE_GAUSSIANS, splats.num_gaussians)
         part = splats.slice_range(begin, end)
         sources, (rows, harmonics) = to_sources(part, coding.size_log), empty_rows(end - begin, width)
         harmonics[:] = transform_harmonics(part, coding.transform)
@@ -69,5 +69,5 @@ def round_splats(splats: Splats, coding: SplatCoding) -> Splats:
         corners = np.zeros((end - begin, 3), np.int64)
         result.fill(begin, to_splats(rows, harmonics, corners, coding.lattice_bits, coding.size_log, coding.transform))
 
-    parallel_map(round_slice, range(0, splats.num_gaussians, CHUNK_GAUSSIANS))
+    parallel_map(round_slice, range(0, splats.num_gaussians, CACHE_GAUSSIANS))
     return result

@@ -53,7 +53,8 @@ class SideInfo:
 
     Attributes:
         degree: Degree of the spherical harmonics.
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size: the median distance of the Gaussians from their median position, rounded down
+            to a power of two, in world units (`log2_scene_size`).
         lattice_bits: Resolution of positions. Positions are multiples of half a lattice spacing; the spacing is
             `2 ** (size_log - lattice_bits)` world units.
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision

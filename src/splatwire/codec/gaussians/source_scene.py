@@ -12,7 +12,7 @@ from splatwire.codec.gaussians import _gaussian_kernels as kernels
 from splatwire.codec.gaussians import _source_kernels as sources
 from splatwire.codec.gaussians.attributes import GREY, LUMA_CHROMA, kernel_array, log2_scene_size, to_logs
 from splatwire.codec.gaussians.blocks import (
-    CHUNK_GAUSSIANS,
+    CACHE_GAUSSIANS,
     block_sizes,
     check_codes,
     check_lattice_range,
@@ -97,7 +97,8 @@ class SourceScene:
             array is a *sorted position*.
         edges: int64 (B + 1); block b contains the Gaussians `order[edges[b]:edges[b + 1]]`.
         precision_classes: uint8 (N), in input order, which select the quantisation steps; 0 is the coarsest.
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size: the median distance of the Gaussians from their median position, rounded down
+            to a power of two, in world units (`log2_scene_size`).
         lattice_bits: Resolution of positions. Positions are multiples of half a lattice spacing; the spacing is
             `2 ** (size_log - lattice_bits)` world units.
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
@@ -383,10 +384,10 @@ def refine_flat_classes(
     Returns:
         The changed precision classes, uint8 (N).
     """
-    # With a coarse step, the smallest scale of a flat Gaussian can become 31 % of the second scale; with the returned
-    # classes, at most 0.4 %.
+    # With a coarse step, the smallest scale of a flat Gaussian can become 31 % of the second scale. With the returned
+    # classes, it is at most 0.4 % where the finest class suffices for that; other Gaussians get the finest class.
     flat = np.concatenate(
-        [np.flatnonzero(_is_flat(piece)) + n * CHUNK_GAUSSIANS for n, piece in enumerate(chunks(splats.scales))]
+        [np.flatnonzero(_is_flat(piece)) + n * CACHE_GAUSSIANS for n, piece in enumerate(chunks(splats.scales))]
     )
     if not len(flat):
         return precision_classes
@@ -449,7 +450,7 @@ def _quantised_positions(
     centres, table = large_empty((splats.num_gaussians, 3), np.float32), flatness_table()
 
     def round_slice(begin: int) -> None:
-        output = centres[begin : begin + CHUNK_GAUSSIANS]
+        output = centres[begin : begin + CACHE_GAUSSIANS]
         piece, shifts = splats.slice_range(begin, begin + len(output)), np.empty(len(output), np.int64)
         piece_classes = precision_classes[begin : begin + len(output)].astype(np.int64)
         kernels.position_shifts(
@@ -468,7 +469,7 @@ def _quantised_positions(
             )
         )
 
-    parallel_map(round_slice, range(0, len(centres), CHUNK_GAUSSIANS))
+    parallel_map(round_slice, range(0, len(centres), CACHE_GAUSSIANS))
     return centres
 
 

@@ -203,7 +203,9 @@ def encode_limited(
     counts,
     ends,
 ):
-    """Encodes a block of motion in packets of limited size, each with as many tracks (Gaussians over time) as fit.
+    """Encodes a block of motion in packets of limited size, each nearly full of tracks (Gaussians over time).
+
+    The encoder aims at 31/32 of the size and accepts a packet above 7/8 of it, or, after seven attempts, any that fits.
 
     Args:
         models: Initial state of the adaptive bit models, equal for all packets, int64 (contexts, 2).

@@ -6,14 +6,12 @@ opacities, scales and colours instead.
 
 import logging
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from splatwire.io.formats._columns import MAX_LOG_SCALE
 from splatwire.io.formats.ply_file import PlyElement
-from splatwire.types.splats import CHUNK_GAUSSIANS
 
 LOG = logging.getLogger(__name__)
 _PARTS = re.compile(r"(?:f_dc|f_rest|scale|rot)_\d+|[xyz]")
@@ -42,7 +40,7 @@ def warn_of_other_units(vertices: PlyElement) -> None:
     Raises:
         DatasetError: If a property is missing.
     """
-    sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // CHUNK_GAUSSIANS))])
+    sample = vertices.sample()
     opacities, scales = sample.select_float64(["opacity"])[:, 0], sample.columns("scale_", 3).astype(np.float64)
     opacities, scales = opacities[~np.isnan(opacities)], scales[~np.isnan(scales)]
     meant = _unit_of_opacities(sample, opacities)

@@ -198,7 +198,7 @@ def _read_model(folder: Path) -> FileContent:
 
 def _read_ply(path: Path) -> FileContent:
     """Reads a PLY, with the antialiasing that the PLY or the training arguments of its model folder state."""
-    content = _read_plain_ply(path)
+    content = _read_ply_alone(path)
     if content.antialiased:
         return content
     try:
@@ -220,7 +220,12 @@ def _last_iteration(folder: Path) -> Path:
     return path
 
 
-def _read_plain_ply(path: Path) -> FileContent:
+def _read_ply_alone(path: Path) -> FileContent:
+    """Reads a PLY of Gaussians, compressed or not, without the training arguments of its model folder.
+
+    Raises:
+        DatasetError: If the file is damaged, or has no Gaussians.
+    """
     elements = read_ply_elements(path)
     warn_of_files_beside(path)
     vertices = elements.get("vertex")

@@ -176,8 +176,7 @@ def _origin(vertices: PlyElement) -> Origin:
     Returns:
         The origin; `NO_ORIGIN` if the comments have none and the Gaussians are near 0.
     """
-    sample = replace(vertices, rows=vertices.rows[:: max(1, -(-len(vertices.rows) // CHUNK_GAUSSIANS))])
-    means = sample.select_float64(list(_AXES))
+    means = vertices.sample().select_float64(list(_AXES))
     stated = stated_origin(ORIGIN, vertices.comments)
     if stated is not None and (distance := misses_positions(stated, means)) is None:
         return stated

@@ -3,7 +3,7 @@
 import logging
 import lzma
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
@@ -20,6 +20,8 @@ LOG = logging.getLogger(__name__)
 _MAX_RATIO, _FREE_BYTES = 32, 16 << 20
 """Maximum decompression ratio of xz archives, and decompressed bytes accepted for archives of any size."""
 _CHUNK_BYTES = 1 << 20
+MAX_SAMPLE = 1 << 16
+"""Maximum number of rows of an element that are examined to judge all (`PlyElement.sample`)."""
 _XZ_MEMORY_LIMIT = 80 << 20
 """Memory limit of the decoder; archives of the highest preset need 65 MiB."""
 
@@ -44,6 +46,10 @@ class PlyElement:
     def names(self) -> tuple[str, ...]:
         """Names of the properties, in file order."""
         return self.rows.dtype.names or ()
+
+    def sample(self) -> "PlyElement":
+        """Returns an element with at most `MAX_SAMPLE` of the rows, evenly spaced."""
+        return replace(self, rows=self.rows[:: max(1, -(-len(self.rows) // MAX_SAMPLE))])
 
     def columns(self, prefix: str, count: int | None = None) -> np.ndarray:
         """Returns the numbered properties `{prefix}0`, `{prefix}1`, … of all rows, float32 (N, count).

@@ -29,7 +29,7 @@ export interface SideInfo {
   readonly degree: number;
   /** Number of integers of the harmonics of a Gaussian: 3 K, for K harmonics above degree 0. */
   readonly numHarmonicColumns: number;
-  /** log2 of the scene's size in world units. */
+  /** log2 of the scene size: the Gaussians' median distance from their median position, rounded down; world units. */
   readonly sizeLog: number;
   /** Positions lie on a lattice with a spacing of `2^(sizeLog - latticeBits)` world units. */
   readonly latticeBits: number;
