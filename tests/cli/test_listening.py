@@ -14,7 +14,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from splatwire.cli._background import first_of
+from splatwire.cli._background import wait_for_work
 from splatwire.cli._listening import (
     REPORT_S,
     LoopErrors,
@@ -123,7 +123,7 @@ def test_hanging_thread_does_not_block_exit():
         stop, began = asyncio.Event(), time.monotonic()
         future = start_thread(hangs.wait, "hangs")
         asyncio.get_running_loop().call_later(0.05, stop.set)
-        await first_of(future, stop, 0.1)
+        await wait_for_work(future, stop, 0.1)
         assert not future.done()
         return time.monotonic() - began
 
@@ -137,7 +137,7 @@ def test_hanging_thread_does_not_block_exit():
 def test_finished_thread_returns_its_result_or_error(fails):
     async def work():
         future = start_thread(lambda: 1 // (not fails), "ends")
-        await first_of(future, asyncio.Event(), 1.0)
+        await wait_for_work(future, asyncio.Event(), 1.0)
         return future.result()
 
     if fails:

@@ -36,21 +36,22 @@ const INTERNAL = `
   latticeShift leafIndex leafSize leaky leaveOut leftOut lengths linearSteps log2MotionUnits logDeviations logScales
   logStepRatios lookUpSession lostSequences manifest manifestBytes maxExcess maxPacketBytes maxPositionShift maxTiers
   mayIdle medianRadius members middle models moveBetween nacks nearestFirst nearestOthers newPackets nextView
-  noGaussians noteChange noteFailure noteUseless numBirths numBlocks numBytes numCoefficients numConcealed numElements
-  numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKept numKeyframesWhenDecoded
-  numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets numReceived numRemoved numSymbols
-  numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange onContextAvailable onContextLost onInput
-  onLiveHead onUse openFile orderDigest outcome owners packetBytes packetDecoder packetsOf paintedCanvas parents
-  pictureChanged planBlock planIndices playableEnd playingLive pointCameraAt polynomials positionStep predictAxis ranges
-  ranks receiveDatagrams receivedPacketBytes recordWhen redraw referenceOffsets referenceRows refusals rejected renderer
-  reordered reorient repeatMs replacesDrawn replaceTiles reportCamera reportPlayable requestFrame requestId rescale
-  residuals resultDigest rowSteps scaleIndices sceneInView sections sequence setCamera setConcealers setCooperative
-  setInfo setLimits setMessage setRow settled setUp setViewpoint setVisible shifts showNotice showStatistics sideInfo
-  sideInfoBytes sideInfoDigest signed simulation sizeLog spread squares stage stages stalledFrames started startWebGL
-  stateOf stepsOfLogs stopProbabilities storeValues streamId subject surface symbolBytes symbolsDigest symbolsMissing
-  takeHaveMessages tierOf tierSizes tileRequest tilesBytes tiling timed timeline trackProperties trackSpan transmittance
-  transports trust unsigned upperBits upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels
-  voxelSize waited waitUntil wanted wasConcealed welcome withdraw withoutComparison withRenderer zeroPoints
+  noGaussians noteChange noteFailure noteSorted noteUseless numBirths numBlocks numBytes numCoefficients numConcealed
+  numElements numElementsOf numGaussians numHarmonicColumns numHidden numInitSegments numIntact numKept
+  numKeyframesWhenDecoded numLatePackets numLowBits numMaskLogits numMotionTracks numNew numOffsets numPackets
+  numReceived numRemoved numSymbols numTracks observedRows offsetStep onAdopted onAnswer onCamera onChange
+  onContextAvailable onContextLost onInput onLiveHead onUse openFile orderDigest outcome owners packetBytes
+  packetDecoder packetsOf paintedCanvas parents pictureChanged planBlock planIndices playableEnd playingLive
+  pointCameraAt polynomials positionStep predictAxis ranges ranks receiveDatagrams receivedPacketBytes recordWhen redraw
+  referenceOffsets referenceRows refusals rejected renderer reordered reorient repeatMs replacesDrawn replaceTiles
+  reportCamera reportPlayable requestFrame requestId rescale residuals resultDigest rowSteps scaleIndices sceneInView
+  sections sequence setCamera setConcealers setCooperative setInfo setLimits setMessage setRow settled setUp
+  setViewpoint setVisible shifts showNotice showStatistics sideInfo sideInfoBytes sideInfoDigest signed simulation
+  sizeLog spread squares stage stages stalledFrames started startWebGL stateOf stepsOfLogs stopProbabilities storeValues
+  streamId subject surface symbolBytes symbolsDigest symbolsMissing takeHaveMessages tierOf tierSizes tileRequest
+  tilesBytes tiling timed timeline trackProperties trackSpan transmittance transports trust unsigned upperBits
+  upRotation useless viewComplete viewDependent viewUpdate visibleParts voxels voxelSize waited waitUntil wanted
+  wasConcealed welcome withdraw withoutComparison withRenderer zeroPoints
 `
   .trim()
   .split(/\s+/);

@@ -4,6 +4,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { emptySplats } from "../src/codec/splats.ts";
+import { KeyframeGaussians, TRACK_BYTES } from "../src/codec/tracks/keyframe_gaussians.ts";
 import { Sequence } from "../src/codec/tracks/sequence.ts";
 import type { TrackDecoder } from "../src/codec/tracks/track_decoder.ts";
 import { SequenceFrames } from "../src/sequence_frames.ts";
@@ -35,6 +36,14 @@ test("a frame without Gaussians is drawn as an invisible one once its packets ha
     splats: emptySplats(0, received.decoder.elementDecoder.degree),
   });
   for (const { count, opacities } of framesOf(received)) assert.deepEqual([count, ...opacities], [1, 0]);
+});
+
+test("the limit of memory counts all arrays of a track", () => {
+  const { head } = readStream("../tests/golden/tiny_clip.swz"),
+    decoder = new DecodedStream(head).decoder.elementDecoder as TrackDecoder,
+    { tracks, birthGroups, positions, shifts } = new KeyframeGaussians(decoder.info),
+    bytes = [tracks, birthGroups, positions, shifts].reduce((sum, { byteLength }) => sum + byteLength, 0);
+  assert.equal(TRACK_BYTES, bytes / tracks.length);
 });
 
 test("a group of frames is whole once all its packets have arrived", () => {

@@ -4,8 +4,8 @@ import asyncio
 from typing import Any
 
 
-async def first_of(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
-    """Waits until a task ends. After a stop request, waits no longer than a grace period.
+async def wait_for_work(work: "asyncio.Future[Any]", stop: asyncio.Event, grace_s: float) -> None:
+    """Waits until a task ends, but after a stop request no longer than a grace period; the task goes on.
 
     Args:
         work: The task.

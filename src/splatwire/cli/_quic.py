@@ -36,7 +36,7 @@ async def open_server(
         listening: Options for address, port, certificate and web page.
         limits: Limits of the server on its clients.
         stack: Exit stack that closes the server.
-        origins: Web origins whose pages may connect.
+        origins: Web origins whose pages may connect; empty for the default of `open_quic_server`.
         live: Name of the live stream that the web page shows; None to show the streams of the server.
         public: Web origin by which visitors reach the page through a proxy; None without a proxy.
         access: Rules for access to private scenes; None if all are public.

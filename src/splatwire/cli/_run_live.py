@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from splatwire.cli._background import first_of
+from splatwire.cli._background import wait_for_work
 from splatwire.cli._files import STANDARD
 from splatwire.cli._listening import check_listening, open_server, print_ready, stop_on_signals
 from splatwire.cli._live_warnings import Warnings, print_if_read, rate_limited_warnings
@@ -95,7 +95,7 @@ async def _serve(command: Live, options: SequenceOptions, protection: Protection
         ingest = _live_ingest(command, options, protection, publish, stop.is_set, warn)
         with rate_limited_warnings(warn):
             ingest_future = start_thread(ingest.run, "encoding")
-            await first_of(ingest_future, stop, min(COMPILING_TIMEOUT_S, STOP_TIMEOUT_S))
+            await wait_for_work(ingest_future, stop, min(COMPILING_TIMEOUT_S, STOP_TIMEOUT_S))
             compiles = await _is_compiling_at_end(ingest_future)
         if ingest_future.done():
             ingest_future.result()

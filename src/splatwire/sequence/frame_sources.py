@@ -38,7 +38,7 @@ take the processor time of the encoder.
 RECHECK_INTERVAL_S = 40e-6
 """Minimum interval between two checks of all earlier files for changes, seconds per file."""
 MAX_NAMES = 4096
-"""Maximum number of file names read from a pipe before their frames are read."""
+"""Number of file names after which one `PipeSource.poll` stops reading the pipe."""
 MAX_NAME_BYTES = 1 << 16
 """Maximum length of a line of the pipe, bytes."""
 FRAME_SUFFIXES = (".ply", ".spz", ".sog", ".splat", ".ksplat", ".glb")

@@ -586,7 +586,10 @@ export class Controller {
     return lossRate > 0 || sentShare < 1;
   }
 
-  /** Updates the status after Gaussians of `elements` elements are drawn. `hasNew`: some are not concealed yet. */
+  /**
+   * Updates the status after Gaussians are drawn. `elements` is the number of elements so far that counts for the
+   * milestones `first` and `half`; a frame with Gaussians counts as the whole clip. `hasNew`: some are not concealed.
+   */
   #gaussiansChanged(elements: number, hasNew: boolean): void {
     const { stage } = this;
     this.status.gaussians = stage.count - this.#copies;

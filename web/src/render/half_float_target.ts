@@ -1,5 +1,5 @@
-// Render target with 16 bits per channel. A canvas would round hundreds of thin layers to eight bits and clamp
-// intermediate sums at 1, which costs 6 to 14 dB.
+// Render target with 16 bits per channel, or 10 (alpha: 2) where half floats are not renderable. A canvas would round
+// hundreds of thin layers to eight bits and clamp intermediate sums at 1, which costs 6 to 14 dB.
 
 import {
   type CameraComponent,

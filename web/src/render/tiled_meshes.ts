@@ -154,8 +154,8 @@ export class TiledMeshes {
     if (first) first.entity.gsplat!.workBufferUpdate = WORKBUFFER_UPDATE_ONCE;
   }
 
-  /** Announces that the drawn Gaussians are sorted. Replaced ones are then no longer in use. */
-  sorted(): void {
+  /** Notes that the drawn Gaussians are sorted. Replaced ones are then no longer in use, and are destroyed. */
+  noteSorted(): void {
     if (this.#working) return;
     for (const gaussians of this.#replaced.splice(0)) gaussians.destroy();
   }

@@ -115,10 +115,12 @@ export class WebGLRenderer {
   #fixed: FixedCamera | null = null;
   /** Pending picture size and half height at distance 1; null if unchanged. */
   #pendingSize: { readonly width: number; readonly height: number; readonly tangent: number } | null = null;
-  #frame: (() => void)[] = [];
-  #sorted: (() => void)[] = [];
-  #replacementSorted: (() => void)[] = [];
-  #isSorted = false;
+  /** Callbacks that wait for the next frame, for the next sorted frame, and until replaced Gaussians are sorted. */
+  #frameWaiters: (() => void)[] = [];
+  #sortedWaiters: (() => void)[] = [];
+  #replacementWaiters: (() => void)[] = [];
+  /** True if a sort has finished since the last frame. */
+  #hasSortFinished = false;
   readonly #pose = new Mat4();
   /** True if the camera moved since it last rested. PlayCanvas skips sorting for a movement during a sort. */
   #moved = false;
@@ -180,7 +182,7 @@ export class WebGLRenderer {
     this.#app.on("update", () => this.#beforeFrame());
     this.#app.systems.gsplat!.on("frame:request", () => this.touch());
     this.#app.scene.on("gsplat:sorted", () => {
-      this.#isSorted = true;
+      this.#hasSortFinished = true;
       if (this.#moved) this.touch();
     });
     this.#app.systems.gsplat!.on("frame:ready", (_camera: unknown, _layer: unknown, ready: boolean) =>
@@ -226,7 +228,7 @@ export class WebGLRenderer {
     this.#app.destroy();
     gl.getExtension("WEBGL_lose_context")?.loseContext();
     this.canvas.remove();
-    for (const waiting of [this.#frame, this.#sorted, this.#replacementSorted])
+    for (const waiting of [this.#frameWaiters, this.#sortedWaiters, this.#replacementWaiters])
       for (const resolve of waiting.splice(0)) resolve();
   }
 
@@ -409,7 +411,7 @@ export class WebGLRenderer {
       if (this.#destroyed) return;
       this.#hideLater(this.#hidden.splice(0), added);
       this.#mesh.show();
-      this.#isSorted = this.#ready = false; // reports about the Gaussians before
+      this.#hasSortFinished = this.#ready = false; // reports about the Gaussians before
       this.#changed();
     }
   }
@@ -508,14 +510,14 @@ export class WebGLRenderer {
   async frame(): Promise<void> {
     await this.#uploading;
     this.touch();
-    if (!this.#destroyed) await new Promise<void>((resolve) => this.#frame.push(resolve));
+    if (!this.#destroyed) await new Promise<void>((resolve) => this.#frameWaiters.push(resolve));
   }
 
   /** Resolves in the task of the next frame with sorted depths that shows everything added. */
   sorted(): Promise<void> {
     if (!this.#uploading) this.touch();
     return new Promise((resolve) => {
-      this.#sorted.push(resolve);
+      this.#sortedWaiters.push(resolve);
       setTimeout(resolve, SORT_MS);
     });
   }
@@ -525,7 +527,7 @@ export class WebGLRenderer {
     if (!this.#replaced) return Promise.resolve();
     this.touch();
     return new Promise((resolve) => {
-      this.#replacementSorted.push(resolve);
+      this.#replacementWaiters.push(resolve);
       setTimeout(resolve, SORT_MS);
     });
   }
@@ -551,10 +553,10 @@ export class WebGLRenderer {
     this.#ready = ready;
     if (!ready || !this.#replaced || this.#tiles?.settled === false) return;
     this.#replaced = false;
-    this.#tiles?.sorted();
+    this.#tiles?.noteSorted();
     if (this.#tiles) this.#changed();
     else this.touch(); // replaced Gaussians were copied while sorting, so no second copy is needed
-    for (const resolve of this.#replacementSorted.splice(0)) resolve();
+    for (const resolve of this.#replacementWaiters.splice(0)) resolve();
   }
 
   #changed(): void {
@@ -611,11 +613,11 @@ export class WebGLRenderer {
     this.#target.show();
     if (this.#memory === "changed") this.#memory = "drawn";
     this.#gpu.mark();
-    for (const resolve of this.#frame.splice(0)) resolve();
-    if (this.#isSorted) this.shows ||= this.count > 0;
+    for (const resolve of this.#frameWaiters.splice(0)) resolve();
+    if (this.#hasSortFinished) this.shows ||= this.count > 0;
     else if (!this.shows || this.isSorting) return;
-    this.#isSorted = false;
-    if (!this.#uploading) for (const resolve of this.#sorted.splice(0)) resolve();
+    this.#hasSortFinished = false;
+    if (!this.#uploading) for (const resolve of this.#sortedWaiters.splice(0)) resolve();
   }
 }
 

@@ -221,7 +221,8 @@ export class Transfer {
 
   /**
    * Returns true for a symbol of an init segment before the current one: a later welcome message may arrive as a
-   * datagram before the stream delivers what precedes it.
+   * datagram before the stream delivers what precedes it. Datagrams have copies of symbols of the first init segment
+   * only, so all of them are earlier ones once a second init segment is announced.
    */
   #isOfEarlierSegment(isDatagram: boolean): boolean {
     if (isDatagram) return this.#isGrown;

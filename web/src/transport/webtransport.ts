@@ -99,8 +99,9 @@ export async function lookUpSession(file: URL): Promise<SessionAddress | null> {
 }
 
 /**
- * Receives a stream, without the packets in `before`, and returns how it ended. Throws if no session can be opened.
- * Notifies the listener whether the stored packets are still valid.
+ * Receives a stream, without the packets in `before`, and returns how it ended. Notifies the listener whether the
+ * stored packets are still valid. Throws if no session can be opened, if it ends before the head arrives (unless
+ * stopped), or if the listener rejects the stream.
  */
 export async function receiveDatagrams(
   session: SessionAddress,

@@ -62,7 +62,7 @@ export interface Welcome {
   readonly bundled: number;
   /** True if the order of the packets depends on the client's view: its tiles come first. */
   readonly viewDependent: boolean;
-  /** True if the stream grows and further periods follow. */
+  /** True for a live stream: it may still grow, or another period may follow. */
   readonly isLive: boolean;
   readonly preview: Uint8Array;
   /** Digest of everything that determines the packets' positions: the init segment and the layout, hexadecimal. */

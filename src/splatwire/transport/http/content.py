@@ -479,13 +479,13 @@ def _relative(path: str) -> str:
 
 
 def web_file(name: str) -> str:
-    """Returns the text of a script or style sheet of the browser page, given its file name."""
+    """Returns the text of a file of the browser page, such as a script or `index.html`, given its name."""
     return _web_bytes(name).decode()
 
 
 @cache
 def _web_bytes(name: str) -> bytes:
-    """Returns the bytes of a script or style sheet of the browser page, given its file name."""
+    """Returns the bytes of a file of the browser page, such as a script or `index.html`, given its name."""
     return files("splatwire").joinpath("web").joinpath(name).read_bytes()
 
 

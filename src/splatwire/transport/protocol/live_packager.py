@@ -103,7 +103,7 @@ class LivePackager:
             self._persistent.append(plan.is_keyframe(packet.id.block))
         if len(self._packets) != manifest.num_packets:
             raise InvalidValueError(f"{len(self._packets)} packets, and the manifest says {manifest.num_packets}")
-        self._protect(protected.parity_ranges)
+        self._schedule_with_parity(protected.parity_ranges)
         return self._snapshot(manifest, side_info)
 
     def _order_and_protect(self, ordered: Sequence[Packet], manifest: Manifest) -> ProtectedOrder:
@@ -115,25 +115,29 @@ class LivePackager:
         self._num_groups += 1
         return order_and_protect([group], importance, self._protection, self._num_groups - 1)
 
-    def _protect(self, ranges: tuple[ParityRange, ...]) -> None:
-        """Computes the repair symbols and the sending order of the newest group of pictures."""
+    def _schedule_with_parity(self, ranges: tuple[ParityRange, ...]) -> None:
+        """Computes the repair symbols of the newest group of pictures, and the order in which its datagrams are sent.
+
+        Args:
+            ranges: Ranges of packets that get parity. The order of the packets is fixed already.
+        """
         # The repair symbols of earlier groups of pictures are dropped; the numbers of their parity groups stay taken.
         # Each parity group, also one without symbols, has at most `MAX_SYMBOLS` packets.
-        num_taken_group_numbers = max(self._num_parity_groups, -(-self._newest_start // MAX_SYMBOLS))
+        num_earlier_parity_groups = max(self._num_parity_groups, -(-self._newest_start // MAX_SYMBOLS))
         packets = self._packets[self._newest_start :]
-        earlier_ranges = (ParityRange(self._newest_start, num_taken_group_numbers, 0),) if self._newest_start else ()
-        num_taken_group_numbers = num_taken_group_numbers if earlier_ranges else 0
+        earlier_ranges = (ParityRange(self._newest_start, num_earlier_parity_groups, 0),) if self._newest_start else ()
+        num_earlier_parity_groups = num_earlier_parity_groups if earlier_ranges else 0
         parity = parity_symbols(packets, ranges, symbol_bytes_for(MAX_PACKET_BYTES))
         schedule = build_send_schedule(
             [], ranges, [*map(len, parity)], replace(self._protection, parity_until=0.0), [len(packets)]
         )
         first_indices = {DATA: self._newest_start, PARITY: 0}
-        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_taken_group_numbers, *parity)
+        self._parity_ranges, self._parity = (*earlier_ranges, *ranges), (*((),) * num_earlier_parity_groups, *parity)
         self._newest_schedule = tuple(
-            (kind, group + num_taken_group_numbers * (kind == PARITY), index + first_indices[kind])
+            (kind, group + num_earlier_parity_groups * (kind == PARITY), index + first_indices[kind])
             for kind, group, index in schedule
         )
-        self._num_parity_groups = num_taken_group_numbers + len(parity)
+        self._num_parity_groups = num_earlier_parity_groups + len(parity)
 
     def _snapshot(self, manifest: Manifest, side_info: bytes) -> LiveSnapshot:
         data = init_segment(manifest, side_info)

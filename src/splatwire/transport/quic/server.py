@@ -176,7 +176,7 @@ class QuicServer(SocketServer):
             self._pump_soon = self._loop.call_soon(self.pump)
 
     def _on_batch(self) -> None:
-        """Sends all due datagrams after one socket was read, so that a flood does not delay them."""
+        """Sends due datagrams (`pump`) after one socket was read, so that a flood does not delay them."""
         due_at = self.core.next_at()
         if self._pump_soon is not None or (due_at is not None and due_at <= self._loop.time()):
             self.pump()
@@ -186,7 +186,7 @@ class QuicServer(SocketServer):
         self.core.forget(client)
 
     def pump(self) -> None:
-        """Sends all datagrams that are due, over QUIC, and sets a timer for later datagrams."""
+        """Sends up to `BATCH` datagrams that are due, over QUIC, and sets a timer for the others and for later ones."""
         self._cancel_timer()
         self._cancel_pump()
         now = self._loop.time()

@@ -12,8 +12,8 @@ import { limitShift, MotionSteps } from "./steps.ts";
 /** Largest number of tracks. Each announced track takes four bytes. */
 const MAX_TRACKS = 1 << 24;
 const MIN_CAPACITY = 1024;
-/** Memory of a track in addition to its Gaussian, bytes. */
-export const TRACK_BYTES = 4 + 24 + 4 * NUM_CHANNELS;
+/** Memory of a track in addition to its Gaussian, bytes: `tracks`, `birthGroups`, `positions` and `shifts`. */
+export const TRACK_BYTES = 4 + 4 + 3 * 8 + 4 * NUM_CHANNELS;
 
 export class KeyframeGaussians {
   /** Arrival index by track number: index of the track's keyframe Gaussian in order of arrival; -1 if not received. */

@@ -100,7 +100,8 @@ function readHeaders(
 }
 
 /**
- * Decodes the residuals of one track. Contexts are the largest magnitude so far in the kind, and the channel before.
+ * Decodes the residuals of one track. Contexts are the largest magnitude so far in the kind, and the channel before;
+ * for the first coefficient of a kind, that of the moving track `previous` (its index; -1 if there is none).
  */
 function readTrack(
   coder: RangeDecoder,

@@ -16,8 +16,8 @@ export const INTERPOLATED = 0,
 const NUM_METHODS = 3,
   /** Largest number of received tracks that are treated as lost. */
   MAX_TESTS = 1024,
-  /** At most one received track in `MAX_SHARE` is treated as lost at the same time. */
-  MAX_SHARE = 4,
+  /** At most one received track in `TESTED_DIVISOR` is treated as lost at the same time. */
+  TESTED_DIVISOR = 4,
   /** Number of tested tracks around a lost track; their errors are added. */
   MIN_TESTS = 16,
   /** Number of received Gaussians that are considered at a position. */
@@ -51,7 +51,7 @@ export function select(
   const found = new Uint8Array(lostTracks.length),
     stride = Math.max(Math.ceil(order.length / MAX_TESTS), 1),
     tested = order.filter((_, n) => n % stride === 0);
-  const folds = Math.ceil(MAX_SHARE / stride),
+  const folds = Math.ceil(TESTED_DIVISOR / stride),
     errors = testErrors(received, order, tested, folds, frames, trackProperties, interpolate, lifetime),
     { isNew, lastOffsets, splats } = trackProperties,
     lastPlace = (arrivalIndex: number) => moved(splats, arrivalIndex, lastOffsets, arrivalIndex);
