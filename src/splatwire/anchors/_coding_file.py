@@ -32,8 +32,8 @@ def coding_networks(coding: HacppCoding | CausalCoding) -> dict[str, Mlp]:
 def coding_header(coding: HacppCoding | CausalCoding) -> dict[str, Any]:
     """Returns the header fields of a scene file that describe the entropy coding of the anchors.
 
-    These are the name of the schema, and the configuration of the model that predicts the probabilities of the
-    anchors' attributes.
+    These are the configuration of the model that predicts the probabilities of the anchors' attributes, and, only for
+    the causal model, the name of the schema.
     """
     config = coding.config
     if isinstance(config, CausalConfig):

@@ -1,8 +1,9 @@
 """Files of anchor scenes: one safetensors file per scene, validated strictly and written atomically.
 
-The only metadata entry, `splatwire`, is a JSON object: format, version, kind, voxel size as a hexadecimal float,
-configuration, slopes of the leaky ReLUs, background, origin and metadata. The signs of the hash grid are packed into
-bits.
+The only metadata entry, `splatwire`, is a JSON object: format, version, kind, voxel size as a hexadecimal float, model
+(only for the causal model), configuration, slopes of the leaky ReLUs, and whether the scene has hints; where present,
+background, origin, metadata, a mask of the received attributes (`erasures`), and names of sections for concealment. The
+signs of the hash grid are packed into bits.
 """
 
 from pathlib import Path

@@ -80,7 +80,7 @@ def split_sections(side_info: bytes, schema_name: str) -> tuple[bytes, dict[str,
 
 
 def sections_of(stream: SceneStream) -> dict[str, bytes]:
-    """Returns the sections in a stream's side information: the content of each section by its name.
+    """Returns the named sections in a stream's side information, without the fixed ones: content by name.
 
     Raises:
         BitstreamError: If its side information is damaged or missing.

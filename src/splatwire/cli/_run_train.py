@@ -13,6 +13,7 @@ from splatwire.cli._training import (
     ANCHOR_RECIPE_OPTIONS,
     DEFAULT_ITERATIONS,
     changed_options,
+    check_same_photos,
     check_same_recipe,
     checked_size,
     parsed_size,
@@ -70,6 +71,7 @@ def run(command: Train) -> None:
         state, config = load_checkpoint(checkpoint)
         check_same_recipe(changed_options(command), _config(command), config, ANCHOR_RECIPE_OPTIONS)
         train, test = _datasets(command, config)
+        check_same_photos(state.photo_size, train)
     else:
         state, config, train, test = _initial_training(command, _DEVICE_NAMES[device])
         save_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint now instead of in an hour
@@ -202,7 +204,7 @@ def check_device(name: str) -> str:
 
     Raises:
         UnknownNameError: If there is no such device.
-        BackendUnavailableError: If the GPU cannot be used.
+        BackendUnavailableError: If `cuda` is requested and the GPU cannot be used; `auto` then selects the CPU.
     """
     if name not in _DEVICES:
         raise UnknownNameError("device", name, _DEVICES)

@@ -16,6 +16,7 @@ from splatwire.cli._training import (
     DEFAULT_ITERATIONS,
     GAUSSIAN_RECIPE_OPTIONS,
     changed_options,
+    check_same_photos,
     check_same_recipe,
     preset_of,
     preview_writer,
@@ -87,6 +88,7 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
         state, config = load_gaussian_checkpoint(checkpoint)
         check_same_recipe(changed_options(command), _config(command), config, GAUSSIAN_RECIPE_OPTIONS)
         train, test = training_data(command, config.test_views, config.background)
+        check_same_photos(state.photo_size, train)
     else:
         state, config, train, test = _initial_training(command, device_name)
         save_gaussian_checkpoint(state, config, checkpoint)  # reports an unwritable checkpoint at once

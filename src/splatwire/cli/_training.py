@@ -156,6 +156,24 @@ def check_same_recipe(
         raise InvalidValueError(f"{options}: the checkpoint was made with another value, which --resume keeps")
 
 
+def check_same_photos(photo_size: tuple[int, int] | None, train: Dataset) -> None:
+    """Raises an error if a run is resumed with photos of another size than those of its checkpoint.
+
+    Args:
+        photo_size: Width and height of the photos in the checkpoint, pixels; None if not known.
+        train: Dataset of the training views.
+
+    Raises:
+        InvalidValueError: If the sizes differ.
+    """
+    width, height = train.cameras.width, train.cameras.height
+    if photo_size not in (None, (width, height)):
+        raise InvalidValueError(
+            "the checkpoint was made with photos of {} x {} pixels, and those of the dataset are {} x {}: "
+            "give --images and --max-width as at the start of the run".format(*photo_size, width, height)
+        )
+
+
 @contextmanager
 def training_display(on_test: Any, final_task_name: str = "fitting the context model again") -> Iterator[Listener]:
     """Context of a training: shows its progress on standard error, and handles Ctrl-C.

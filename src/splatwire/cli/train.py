@@ -32,8 +32,8 @@ class Train:
     """With --model gaussians: quantisation quality of the stream, as in `encode`. The last part of the training adapts
     the Gaussians to it. Default: default."""
     lmbda: float | None = None
-    """Weight of the rate (lambda); larger values give smaller scenes. Default: the preset's; its unit depends on the
-    model."""
+    """Weight of the rate (lambda); larger values give smaller scenes. Default: with --model causal 0.008, with hacpp
+    the preset's; the unit depends on the model."""
     size: str | None = None
     """Target size of the encoded scene: 500kB, 1.2MB or 500000 bytes. Lambda starts at --lmbda and is adjusted after
     42 % of --iterations, or from the start if --init continues a finished scene."""
@@ -62,16 +62,19 @@ class Train:
     max_width: int = 1600
     """Maximum width of photos in pixels; wider ones are scaled down."""
     background: BackgroundOption = None
-    """Background colour, RGB from 0 to 1, also behind transparent parts of photos. Default: black."""
+    """Background colour, RGB from 0 to 1, also behind transparent parts of photos. Default: that of the anchors of
+    --init, otherwise black."""
     device: str = "auto"
     """Training device: auto, cpu or cuda (which renders with gsplat). auto selects cuda if it is usable."""
     init: Path | None = None
     """Scene file to train further on these photos; its anchors keep their positions and none are added. Or explicit
-    Gaussians (PLY, .splat, ...): only their centres and colours are used, instead of the data's points."""
+    Gaussians (PLY, .splat, ...): only their centres (with --model gaussians also their colours) are used, in place of
+    the data's points."""
     seed: int = 0
     """Seed of all random choices."""
     resume: bool = False
-    """Continue from the checkpoint next to the output, with the settings of the checkpoint."""
+    """Continue from the checkpoint next to the output, with the settings of the checkpoint. Give --images and
+    --max-width as at the start: photos of another size are refused."""
     checkpoint_interval: int = 1000
     """Iterations between checkpoints."""
     preview: str | None = None

@@ -73,7 +73,7 @@ class ColmapView:
 
 
 def find_reconstruction(root: Path) -> Path | None:
-    """Returns the folder below `root` from which a COLMAP reconstruction is read; None if there is none."""
+    """Returns the folder, `root` or one below it, from which a COLMAP reconstruction is read; None if there is none."""
     return next(reconstructions(root), None)
 
 
@@ -108,7 +108,7 @@ def _relative_name(folder: Path, root: Path) -> str:
 def _count_images(folder: Path) -> str:
     """Returns the number of images of a reconstruction for a message, or "cannot be read"."""
     try:
-        return f"{_read(folder, 'images', prefix='count_'):,} images"
+        return f"{_read(folder, 'images', 'count_images'):,} images"
     except DatasetError:
         return "cannot be read"
 
@@ -164,8 +164,8 @@ def _views(folder: Path, suffixes: tuple[str, ...]) -> list[ColmapView]:
     Raises:
         DatasetError: If a file is missing or damaged, or the reconstruction has no images.
     """
-    cameras = _read(folder, "cameras", suffixes)
-    images = _read(folder, "images", suffixes)
+    cameras = _read(folder, "cameras", "read_cameras", suffixes)
+    images = _read(folder, "images", "read_images", suffixes)
     if not images:
         raise DatasetError(f"{folder}: the reconstruction has no images")
     by_id = {camera.camera_id: camera for camera in cameras}
@@ -199,20 +199,31 @@ def read_points(folder: Path, origin: Origin = NO_ORIGIN) -> SparsePoints | None
     if not has_table(folder, "points3D"):
         cloud = folder / "points3D.ply"
         return read_point_cloud(cloud, origin) if cloud.is_file() else None
-    positions, colors = _read(folder, "points3D")
+    positions, colors = _read(folder, "points3D", "read_points3d")
     positions = positions_from(positions, origin)
     if not np.isfinite(positions).all():
         raise DatasetError(f"{folder}: a point of points3D is not finite")
     return SparsePoints(positions, colors.astype(np.float32) / 255, origin)
 
 
-def _read(folder: Path, table: str, suffixes: tuple[str, ...] = SUFFIXES, *, prefix: str = "read_"):  # type: ignore[no-untyped-def]  # the return type depends on `table`
+def _read(folder: Path, table: str, function: str, suffixes: tuple[str, ...] = SUFFIXES):  # type: ignore[no-untyped-def]  # the return type depends on `function`
+    """Reads a file of a reconstruction with the function of that name in `_colmap_binary` or `_colmap_text`.
+
+    Args:
+        folder: Folder of the reconstruction.
+        table: Name of the file without suffix: `cameras`, `images` or `points3D`.
+        function: Name of the function, such as `read_images`.
+        suffixes: File name suffixes, preferred ones first.
+
+    Raises:
+        DatasetError: If the file is missing or cannot be read.
+    """
     for suffix in suffixes:
         module = _colmap_binary if suffix == "bin" else _colmap_text
         path = folder / f"{table}.{suffix}"
         if path.is_file():
             try:
-                return getattr(module, f"{prefix}{table.lower()}")(path)
+                return getattr(module, function)(path)
             except OSError as error:
                 raise DatasetError(f"{path}: cannot be read: {error.strerror or error}") from error
     raise DatasetError(f"{folder}: has neither {table}.bin nor {table}.txt")

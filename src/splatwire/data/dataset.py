@@ -142,8 +142,9 @@ def open_dataset(
 
     Photos are loaded on demand. Four layouts are supported:
 
-    * COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`, `0`) and `images`, as in Mip-NeRF 360, Tanks & Temples and
-      Deep Blending. Of several reconstructions, the first one in this order is read, with a warning.
+    * COLMAP: `sparse/0` (or `sparse`, `colmap/sparse/0`, the folder itself, or a numbered folder in `sparse`,
+      `colmap/sparse` or the folder itself) and `images`, as in Mip-NeRF 360, Tanks & Temples and Deep Blending. Of
+      several reconstructions, the first one in this order is read, with a warning.
     * BungeeNeRF: `poses_enu.json` and `images`.
     * Blender: `transforms_train.json` and `transforms_test.json`.
     * nerfstudio: one `transforms.json`, optionally with masks, points and splits.
@@ -370,8 +371,9 @@ def _transforms_views(
         _warn_of_copies(transforms_path, views, [view.image_path for view in views], split, chosen_for("test"))
         return chosen_for(split), transforms_path, transforms.points
     why = (
-        "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse/0, sparse, colmap/sparse/0 or 0) "
-        "nor poses_enu.json, transforms_train.json, transforms_test.json or transforms.json"
+        "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse, in the folder itself or in a "
+        "numbered folder of sparse, colmap/sparse or the folder itself) nor poses_enu.json, transforms_train.json, "
+        "transforms_test.json or transforms.json"
     )
     kind, hint = file_kind(path), _dataset_nearby(path)
     if kind == DATASET:

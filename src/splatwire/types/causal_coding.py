@@ -73,8 +73,9 @@ class CausalCoding(CheckedFields):
             offsets.
         zero_points: Values subtracted from the natural logarithms of the offset scale (1 value) and the base size (3
             values) before quantisation. Streams have binary logarithms.
-        middle: Median position of the anchors, voxels.
-        spread: Twice the median distance of the anchors from `middle` along each axis, voxels.
+        middle: Median position of the anchors when the context phase of the training began, voxels. Fine-tuning
+            does not change it.
+        spread: Twice the median distance of the anchors from `middle` along each axis at that time, at least 2, voxels.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """

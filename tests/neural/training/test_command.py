@@ -65,6 +65,17 @@ def test_train_command_runs_briefly(folder: Path, tmp_path: Path, capsys: pytest
     assert "--loss, --seed: the checkpoint was made with another value" in capsys.readouterr().err
 
 
+def test_resuming_with_photos_of_another_size_is_refused(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "trained.scene"
+    assert _run(_words(folder, output)) == 0
+    width = load_checkpoint(tmp_path / "trained.scene.checkpoint")[0].photo_size[0]
+    capsys.readouterr()
+    assert _run(_words(folder, output, "--resume", "--max-width", width // 2)) == 2
+    assert f"the checkpoint was made with photos of {width} x " in capsys.readouterr().err
+
+
 def test_the_first_ctrl_c_leaves_a_checkpoint(folder: Path, tmp_path: Path) -> None:
     output = tmp_path / "trained.scene"
     words = _words(folder, output)

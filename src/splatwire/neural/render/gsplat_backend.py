@@ -54,7 +54,7 @@ class GsplatRenderer:
             gaussians: The Gaussians to render.
             cameras: Camera of the view.
             background: RGB of the background.
-            center_gradients: True to record the 2D centres too, so that a backward pass computes their gradient.
+            center_gradients: True if the gradient with respect to the 2D centres is needed.
 
         Returns:
             The picture; and the tensor that receives the gradient of the 2D centres, None unless `center_gradients`.

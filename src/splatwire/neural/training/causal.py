@@ -49,9 +49,10 @@ class TrainableCausal:
         self._inputs: Tensor | None = None
 
     def before_iteration(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration whose loss includes the bit rate.
+        """Begins the context phase: sets the range of positions again, and initialises the networks.
 
-        The training calls the method before every iteration. Before all other iterations, the method does nothing.
+        The training calls the method before every iteration. The method acts before the first iteration whose loss
+        includes the bit rate (`Milestones.context_start` + 1), and does nothing before all others.
         """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = position_bounds(state.voxels)

@@ -61,6 +61,7 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "camera_extent": state.camera_extent.hex(),
         "queue": state.view_queue,
         "origin": state.origin,
+        "photo_size": state.photo_size,
         "metadata": metadata_to_json(state.metadata),
         "steering": _controller_to_list(state.size_controller),
         "steps": {_stored(name): moments.steps for name, moments in state.moments.items()},
@@ -105,6 +106,15 @@ def read_moments(
     return moments
 
 
+def read_photo_size(header: dict[str, Any]) -> tuple[int, int] | None:
+    """Returns the size of the training photos in a checkpoint's header; None in checkpoints of earlier releases."""
+    size = header.get("photo_size")
+    if size is None:
+        return None
+    width, height = map(int, size)
+    return width, height
+
+
 def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainState, TrainConfig]:
     config = config_from_json(header["config"])
     voxels = checked_tensor(tensors, "voxels", (tensors["voxels"].shape[0], 3), torch.int64)
@@ -131,6 +141,7 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[TrainSta
         generator=generator,
         view_queue=[int(view) for view in header["queue"]],
         origin=check_origin(header.get("origin", NO_ORIGIN)),  # earlier releases trained in world coordinates
+        photo_size=read_photo_size(header),
         metadata=metadata_from_json(header.get("metadata")),
         size_controller=_controller(header["steering"]),
         parameter_means=_by_current_name(

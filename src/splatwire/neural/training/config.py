@@ -17,7 +17,8 @@ STORED_NAME = "stored_name"
 FULL_ITERATIONS = 30_000
 """Number of iterations of HAC++'s published schedule; for another number, all phases are scaled."""
 MIN_GROWTH_INTERVAL = 50
-"""Minimum number of iterations between two additions of anchors.
+"""Minimum number of iterations between two additions of anchors in a schedule that is scaled to fewer iterations
+(`Milestones.scaled`); an interval that is given explicitly may be shorter.
 
 With fewer iterations, a Gaussian's mean gradient would be estimated from too few views.
 """
@@ -206,7 +207,7 @@ class RefineConfig:
             anchor's cost.
         grid_weight: HAC++ only: weight of each bit of the encoded hash grid in the training loss. Each bit of the
             encoded anchors has weight 1.
-        seed: Seed of the random choice of anchors.
+        seed: Seed of the random choice of anchors; causal model: also of the noise that replaces rounding.
     """
 
     # HAC++: network outputs are scaled by the predicted standard deviations, so that one learning rate suits all.

@@ -112,6 +112,7 @@ def state_of_scene(scene: AnchorScene, dataset: Dataset, config: TrainConfig) ->
         camera_extent=camera_extent(dataset.cameras),
         generator=torch.Generator().manual_seed(config.seed),
         origin=scene.origin,
+        photo_size=(dataset.cameras.width, dataset.cameras.height),
         metadata=scene.metadata,
     )
 

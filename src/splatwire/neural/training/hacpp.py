@@ -58,9 +58,10 @@ class TrainableHacpp:
         self._config, self._kernels, self._cache = config, kernels, cache
 
     def before_iteration(self, state: TrainState) -> None:
-        """Initialises the networks before the first iteration whose loss includes the bit rate.
+        """Begins the context phase: sets the bounding box of the hash grid again, and initialises the networks.
 
-        The training calls the method before every iteration. Before all other iterations, the method does nothing.
+        The training calls the method before every iteration. The method acts before the first iteration whose loss
+        includes the bit rate (`Milestones.context_start` + 1), and does nothing before all others.
         """
         if state.iteration == self._config.milestones.context_start + 1:
             state.bounds_min, state.bounds_max = grid_bounds(self._cache.positions(state))

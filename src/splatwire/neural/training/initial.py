@@ -81,6 +81,7 @@ def initial_state(dataset: Dataset, config: TrainConfig) -> TrainState:
         camera_extent=camera_extent(dataset.cameras),
         generator=generator,
         origin=dataset.cameras.origin,
+        photo_size=(dataset.cameras.width, dataset.cameras.height),
     )
 
 

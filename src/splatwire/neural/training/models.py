@@ -24,8 +24,8 @@ class TrainableContextModel(Protocol):
 
     def before_iteration(self, state: TrainState) -> None:
         """Prepares the model for an iteration. The training calls the method before each iteration."""
-        # An implementation initialises its networks before the first iteration whose loss includes the bit
-        # rate.
+        # Before the first iteration whose loss includes the bit rate, an implementation sets `bounds_min` and
+        # `bounds_max` of the state again and initialises its networks.
 
     def simulate_quantisation(
         self, state: TrainState, visible: Int64[Tensor, "M"]

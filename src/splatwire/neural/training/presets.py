@@ -117,7 +117,8 @@ def create_config(
     Args:
         preset: Name of the preset, a key of `PRESETS`.
         model: Name of the context model, one of `MODELS`.
-        lmbda: Weight of the rate in the loss; None for the preset's default.
+        lmbda: Weight of the rate in the loss; None for the default: `CAUSAL_LAMBDA` with the causal model, that of the
+            preset with HAC++'s.
         size: Target size of the stream in bytes; 0 for a constant weight of the rate.
         iterations: Number of iterations before the fine-tuning, to which the schedule is scaled. The fine-tuning, with
             `packet_losses` and the causal model, is in addition (`FINE_TUNING_SHARE`).

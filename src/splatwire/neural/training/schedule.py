@@ -34,7 +34,7 @@ def gathers_statistics(milestones: Milestones, iteration: int) -> bool:
 
 
 def changes_anchors(milestones: Milestones, iteration: int) -> bool:
-    """True if anchors are added and removed after an iteration."""
+    """True if anchors are added and removed in an iteration, between backward pass and update of the parameters."""
     paused = milestones.noise_start <= iteration < milestones.growth_pause_end
     due = milestones.growth_start < iteration < milestones.growth_end and iteration % milestones.growth_interval == 0
     return due and not paused

@@ -128,12 +128,13 @@ class TrainState:
         moments: Adam's moments by parameter name; absent for parameters that were never updated.
         statistics: Statistics for adding and removing anchors.
         bounds_min: Lower end of the range by which the context model normalises positions. Unit: voxels with the causal
-            model, otherwise world units.
-        bounds_max: Upper end of the range, in the same unit.
+            model, otherwise world units. Set at the start, and once more when the context phase begins.
+        bounds_max: Upper end of the range, in the same unit, set at the same times.
         camera_extent: 1.1 times the largest distance of a training camera from the mean camera centre, world units.
         generator: Source of all random numbers, on the CPU.
         view_queue: Indices of the training views not yet used in the current round over all views.
         origin: World coordinates that the anchors are relative to.
+        photo_size: Width and height of the training photos, pixels; None if not known.
         metadata: Metadata of the finished scene that is trained further; empty for a new scene.
         size_controller: State of the size controller.
         parameter_means: Running means of the trained tensors by name; empty until averaging starts.
@@ -157,6 +158,7 @@ class TrainState:
     generator: torch.Generator
     view_queue: list[int] = field(default_factory=list)
     origin: Origin = NO_ORIGIN
+    photo_size: tuple[int, int] | None = None
     metadata: SceneMetadata = NO_METADATA
     size_controller: SizeController = SizeController()
     parameter_means: dict[str, Tensor] = field(default_factory=dict)

@@ -1,4 +1,8 @@
-"""One training iteration: renders a training view, compares the picture with the photo, and updates all parameters."""
+"""One training iteration: renders a training view, compares the picture with the photo, and updates the parameters.
+
+An iteration that adds and removes anchors does so after the backward pass. The new tensors of the anchors have no
+gradient, so they are not updated in this iteration; the networks are.
+"""
 
 import math
 from collections.abc import Callable

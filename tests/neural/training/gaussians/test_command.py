@@ -77,7 +77,10 @@ def test_a_finished_run_resumes_and_keeps_its_recipe(
     ply.unlink()
     assert _run(_words(folder, ply, "--resume")) == 0
     assert ply.read_bytes() == first
+    width = load_gaussian_checkpoint(tmp_path / "a.ply.checkpoint")[0].photo_size[0]
     capsys.readouterr()
+    assert _run(_words(folder, ply, "--resume", "--max-width", width // 2)) == 2
+    assert f"the checkpoint was made with photos of {width} x " in capsys.readouterr().err
     assert _run(_words(folder, ply, "--resume", "--seed", 3, "--loss", "bernoulli:0.2")) == 2
     assert "--loss, --seed: the checkpoint was made with another value" in capsys.readouterr().err
     words = ["train", str(folder), "-o", str(ply.with_suffix(".scene")), "--resume"]

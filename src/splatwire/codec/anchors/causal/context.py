@@ -71,8 +71,8 @@ class CodingContext:
 
     Attributes:
         config: Layout of the anchors, and number of outputs of the network of positions.
-        middle: int64 (3), centre of the scene, voxels.
-        spread: int64 (3), twice the median distance of the anchors from `middle` along each axis, voxels.
+        middle: int64 (3), `CausalCoding.middle`, voxels.
+        spread: int64 (3), `CausalCoding.spread`, voxels.
         networks: Networks by name.
         low_bit_probabilities: Probabilities of position bits, int64, see `CoarsePositions`.
     """
@@ -151,8 +151,8 @@ def integer_position_inputs(voxels: np.ndarray, middle: np.ndarray, spread: np.n
 
     Args:
         voxels: Positions of the anchors, voxels, int64 (n, 3).
-        middle: Centre of the scene, voxels, int64 (3).
-        spread: Twice the median distance of the anchors from `middle` along each axis, voxels, above 0, int64 (3).
+        middle: `CausalCoding.middle`, voxels, int64 (3).
+        spread: `CausalCoding.spread`, voxels, above 0, int64 (3).
 
     Returns:
         Network inputs in fixed point: whole numbers in units of `2**-ACTIVATION_BITS`, float64 (n, 3 (1 + octaves)),

@@ -39,8 +39,8 @@ class SideInfo:
         config: Layout of the anchors, and number of outputs of the network of positions.
         voxel_size: World units per voxel.
         positions: The high bits of all anchors' positions. The packets contain the low bits.
-        middle: int64 (3), centre of the scene, voxels.
-        spread: int64 (3), twice the median distance of the anchors from `middle` along each axis, voxels.
+        middle: int64 (3), `CausalCoding.middle`, voxels.
+        spread: int64 (3), `CausalCoding.spread`, voxels.
         linear_steps: Quantisation steps of each feature group, then of the offsets, float64 (groups + 1).
         steps_of_logs: Quantisation steps of the binary logarithms of offset scale and base size, int64 (2), `LOG_BITS`
             fractional bits.

@@ -10,7 +10,13 @@ from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, BitstreamError
 from splatwire.neural.model.tensors import to_tensors
-from splatwire.neural.training.checkpoint import checked_tensor, read_moments, record_from_json, record_to_json
+from splatwire.neural.training.checkpoint import (
+    checked_tensor,
+    read_moments,
+    read_photo_size,
+    record_from_json,
+    record_to_json,
+)
 from splatwire.neural.training.gaussians.config import GaussianConfig
 from splatwire.neural.training.gaussians.state import GaussianState, parameter_shapes
 from splatwire.types.origin import NO_ORIGIN, check_origin
@@ -44,6 +50,7 @@ def save_gaussian_checkpoint(state: GaussianState, config: GaussianConfig, path:
         "camera_extent": state.camera_extent.hex(),
         "queue": state.view_queue,
         "origin": state.origin,
+        "photo_size": state.photo_size,
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "config": record_to_json(config),
     }
@@ -79,5 +86,6 @@ def _state(header: dict[str, Any], tensors: dict[str, Tensor]) -> tuple[Gaussian
         generator,
         [int(view) for view in header["queue"]],
         check_origin(header.get("origin", NO_ORIGIN)),  # earlier releases trained in world coordinates
+        read_photo_size(header),
     )
     return state, config

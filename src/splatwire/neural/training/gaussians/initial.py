@@ -48,4 +48,6 @@ def initial_gaussians(dataset: Dataset, config: GaussianConfig) -> GaussianState
     if colors is not None:
         parameters["base"] = (colors - 0.5) / DC
     trained = {name: value.requires_grad_() for name, value in parameters.items()}
-    return GaussianState(0, trained, {}, extent, generator, origin=dataset.cameras.origin)
+    cameras = dataset.cameras
+    photo_size = cameras.width, cameras.height
+    return GaussianState(0, trained, {}, extent, generator, origin=cameras.origin, photo_size=photo_size)

@@ -27,6 +27,7 @@ class GaussianState:
         generator: Source of all random numbers, on the CPU.
         view_queue: Indices of the training views not yet used in the current round over all views.
         origin: World coordinates that `means` are relative to.
+        photo_size: Width and height of the training photos, pixels; None if not known.
     """
 
     iteration: int
@@ -36,6 +37,7 @@ class GaussianState:
     generator: torch.Generator
     view_queue: list[int] = field(default_factory=list)
     origin: Origin = NO_ORIGIN
+    photo_size: tuple[int, int] | None = None
 
     @property
     def num_gaussians(self) -> int:
