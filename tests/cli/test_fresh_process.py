@@ -64,7 +64,7 @@ def test_commands_continue_if_their_progress_is_not_read(journey, tmp_path):
     assert (tmp_path / "copy.swz").exists()
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "ascii:surrogateescape"])
 def test_characters_that_a_terminal_lacks_are_escaped(journey, tmp_path, encoding):
     (tmp_path / "\u540d.swz").write_bytes((journey / "tiny.swz").read_bytes())
     command = [sys.executable, "-m", "splatwire", "inspect", "\u540d.swz"]

@@ -96,7 +96,7 @@ def _standard_streams() -> Iterator[None]:
 
     A closed standard error is replaced by the null device; `print` would otherwise write errors to standard output.
     """
-    if getattr(sys.stdout, "errors", None) == "strict" and hasattr(sys.stdout, "reconfigure"):
+    if getattr(sys.stdout, "errors", None) in ("strict", "surrogateescape") and hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(errors="backslashreplace")  # e.g. in a terminal with Latin-1
     if sys.stderr is not None:
         yield

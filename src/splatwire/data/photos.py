@@ -41,6 +41,21 @@ def photo_size(path: Path, *, apply_exif: bool = False) -> tuple[int, int]:
         return image.size[::-1] if apply_exif and _orientation(image) in _SIDES_SWAPPED else image.size
 
 
+def check_photo(path: Path) -> None:
+    """Checks, from the header only, that `load_photo` reads an image of this kind.
+
+    Raises:
+        DatasetError: If the file is missing, not an image, or has other channels than those of 8-bit pictures.
+    """
+    with _open(path) as image:
+        _check_mode(path, image)
+
+
+def _check_mode(path: Path, image: Image.Image) -> None:
+    if image.mode not in _OPAQUE_MODES + _ALPHA_MODES:
+        raise DatasetError(f"{path}: images in mode {image.mode} are not read; convert it to 8-bit RGB")
+
+
 def has_exif_rotation(path: Path) -> bool:
     """True if an image has an EXIF orientation that rotates or mirrors it.
 
@@ -79,8 +94,7 @@ def load_photo(
     """
     with _open(path) as image:
         has_alpha = image.mode in _ALPHA_MODES or "transparency" in image.info
-        if image.mode not in _OPAQUE_MODES + _ALPHA_MODES:
-            raise DatasetError(f"{path}: images in mode {image.mode} are not read; convert it to 8-bit RGB")
+        _check_mode(path, image)
         _check_pixels(path, image, _FREE_PIXELS)
         try:
             with warnings.catch_warnings():

@@ -220,6 +220,15 @@ def test_results_that_do_not_fit_are_refused(folder, tmp_path):
     Image.new("RGB", (24, 18)).save(tmp_path / "few/b.png")
     with pytest.raises(DatasetError, match="pixels, and the views have 48 x 36"):
         results(folder, tmp_path, row("x", tmp_path / "few", 9))
+    for name in ("a", "b"):
+        Image.fromarray(np.zeros((36, 48), np.uint16)).save(tmp_path / f"few/{name}.png")
+    steps = []
+    with pytest.raises(DatasetError, match="mode I;16 are not read"):
+        run_study(
+            study_of(folder, tmp_path, row("x", tmp_path / "few", 9)), Store(tmp_path / "new"), InProcess(),
+            lambda task, share: steps.append(task),
+        )  # fmt: skip
+    assert not any("units of work" in step for step in steps)
     (tmp_path / "few/a.png").write_bytes(b"no picture")
     with pytest.raises(DatasetError, match=r"a\.png"):
         results(folder, tmp_path, row("x", tmp_path / "few", 9))
@@ -234,7 +243,7 @@ def test_results_that_do_not_fit_are_refused(folder, tmp_path):
         ("num_bytes = 9", "bytes = 9", "unknown key 'bytes'; did you mean 'num_bytes'"),
         ("num_bytes = 9", 'num_bytes = "9"', "num_bytes must be an integer"),
         ("fine.ply", "nowhere.ply", "does not exist"),
-        ("[[row.decoded]]", "[row.decoded]", "decoded must be a list"),
+        ("[[row.decoded]]", "[row.decoded]", r"decoded has single brackets: write \[\[row.decoded\]\]"),
     ],
 )
 def test_mistakes_in_results_are_named(folder, tmp_path, old, new, message):

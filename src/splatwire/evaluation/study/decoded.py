@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from splatwire.anchors.appearance import antialiased, scene_of
-from splatwire.data.photos import load_photo, photo_size
+from splatwire.data.photos import check_photo, load_photo, photo_size
 from splatwire.errors import DatasetError, InvalidValueError
 from splatwire.evaluation.extent import antialiasing_message
 from splatwire.evaluation.study.definition import Decoded, Row, SceneEntry
@@ -51,6 +51,7 @@ def prepare_decoded(
     if path.is_dir() and has_pictures(path):
         assert decoded_file.num_bytes is not None
         for file in picture_paths(path, references):
+            check_photo(file)
             _check_size(file, photo_size(file), references.size)
         return PreparedStream(str(path), digest, {row.label: decoded_file.num_bytes}, 0, 0, elements=PICTURES)
     scene = scene_of(read_any_scene(path).loaded)
