@@ -62,6 +62,7 @@ def zoo(tmp_path_factory):
     (folder / "lfs").write_text("version https://git-lfs.github.com/spec/v1\noid sha256:0\n")
     (folder / "text").write_text("Grüße " * 10000)
     (folder / "json").write_text("[1, 2]")
+    (folder / "tileset.json").write_text('{"geometricError": 8.0, "root": {}, "extensionsUsed": ["3DTILES_metadata"]}')
     (folder / "transforms").write_text('{"camera_angle_x": 1, "frames": []}')
     (folder / "other ply").write_bytes(b"ply\nformat ascii 1.0\nelement face 0\nend_header\n")
     (folder / "empty").touch()

@@ -112,6 +112,9 @@ GLTF = Kind("gltf", "a glTF document", GLB.use)
 USD = Kind("usd", "an OpenUSD scene", _EXPLICIT)
 CAMERAS = Kind("cameras", "a cameras file", "it is for --cameras")
 TRANSFORMS = Kind("transforms", "a list of camera poses", "--data takes the folder that it is in")
+TILESET = Kind(
+    "tileset", "a tileset of 3D Tiles", "such files are written, not read; each of its tiles (.glb) can be read"
+)
 JSON = Kind("json", "a JSON file")
 LFS = Kind("lfs", "a pointer of Git LFS, not the file itself", "fetch it with `git lfs pull`")
 HTML = Kind("html", "an HTML page", "a download may have gone wrong")
@@ -606,6 +609,8 @@ def _json_kind(plain: bytes) -> Kind:
         return CAMERAS
     if re.search(rb'"(frames|camera_angle_x|poses)"\s*:', plain):
         return TRANSFORMS
+    if re.search(rb'"geometricError"\s*:', plain):
+        return TILESET
     return GLTF if re.search(rb'"(accessors|bufferViews|extensionsUsed)"\s*:', plain) else JSON
 
 
