@@ -423,6 +423,11 @@ def test_a_crop_radius_gives_a_warning(capture, caplog):
     assert "'fisheye_crop_radius' is not read" in caplog.text
 
 
+def test_test_frames_beside_the_frames_give_a_warning(capture, caplog):
+    read_transforms(capture.write_nerfstudio(test_frames=[{"file_path": "images/other.png"}]) / "transforms.json")
+    assert "'test_frames' is not read: all views are those of 'frames', test views too" in caplog.text
+
+
 def test_frames_of_several_times_give_a_warning(capture, caplog):
     path = capture.write_nerfstudio() / "transforms.json"
     content = json.loads(path.read_text())

@@ -28,6 +28,8 @@ _OTHER_PROJECTIONS = ("latlong", "equirectangular", "ftheta_p0")
 _POINT_CLOUD = "ply_file_path"
 _CROP_RADIUS = "fisheye_crop_radius"
 """Radius of the circle that nerfstudio uses of fisheye photos, pixels."""
+_OTHER_FRAMES = ("train_frames", "val_frames", "test_frames")
+"""Lists of frames besides `frames`, such as the test views of ScanNet++."""
 _TERMS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 _LISTED_TERMS = ("k1", "k2", "k3", "k4", "p1", "p2")
 _LENS_FIELDS = ("frames", *_TERMS, "camera_model", "is_fisheye", "distortion_params", *_OTHER_PROJECTIONS)
@@ -145,6 +147,8 @@ def read_transforms(path: Path, images: str | None = None) -> Transforms:
         LOG.warning(
             "%s: '%s' is not read: black corners of the photos count; mask them with 'mask_path'", path, _CROP_RADIUS
         )
+    if others := [name for name in _OTHER_FRAMES if content.get(name)]:
+        LOG.warning("%s: '%s' is not read: all views are those of 'frames', test views too", path, others[0])
     views = [_read_frame(path, content, frame, images) for frame in frames]
     check_distinct(path, [view.name for view in views], [view.image_path for view in views])
     return Transforms(views, _splits(path, content, views, images), _points(path, content))
