@@ -33,8 +33,8 @@ class SequenceOptions:
             to detect it.
         quality: Quantisation quality: a name, a number from 0 to 100, or a `Quality`.
         background: Background colour, RGB.
-        up: Up axis: `x`, `y` or `z`, with `-` for the negative direction; `auto` estimates the axis from the first
-            frame.
+        up: Up axis: `x`, `y` or `z`, with `-` for the negative direction; `auto` takes the axis that the
+            frames state, or else estimates it from the first frame.
         threads: Number of threads; None for one per processor.
 
     Raises:

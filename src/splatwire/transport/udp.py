@@ -110,7 +110,7 @@ class SocketServer(abc.ABC):
 
     @abc.abstractmethod
     def pump(self) -> None:
-        """Sends the datagrams that are due, and sets a timer for the next datagrams."""
+        """Sends datagrams that are due, at most a batch, and sets a timer for the next ones."""
 
     def _cancel_timer(self) -> None:
         if self._timer:
@@ -177,7 +177,7 @@ class UdpServer(SocketServer):
         self.pump()
 
     def pump(self) -> None:
-        """Sends the datagrams that are due, and sets a timer for the next one."""
+        """Sends waiting responses and up to `BATCH` datagrams that are due, and sets a timer for the next ones."""
         self._cancel_timer()
         now = self._loop.time()
         # Also with waiting responses: a flood of requests, which need responses, must not delay transfers.

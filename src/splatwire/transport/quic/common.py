@@ -74,7 +74,8 @@ class QuicLimits:
     Attributes:
         connections: Maximum number of concurrent connections, including handshakes.
         per_network: Maximum number of concurrent connections of one network: an IPv4 address or a /64 prefix of IPv6.
-        origins: Web origins whose pages may open WebTransport sessions, such as `https://example.org`; None allows all.
+        origins: Web origins whose pages may open WebTransport sessions, such as `https://example.org`; None allows all,
+            within `only_local`.
         only_local: True to allow, without `origins`, only pages of this machine and clients that are no pages.
     """
 

@@ -34,7 +34,7 @@ export interface Header {
   /** Steps of the binary logarithms of offset scale and sizes, and their zero points; 24 fractional bits. */
   readonly stepsOfLogs: readonly number[];
   readonly zeroPoints: readonly number[];
-  /** Centre of the scene, and twice the median distance of the anchors from it along each axis, voxels. */
+  /** `CausalCoding.middle` and `CausalCoding.spread` of Python, voxels. */
   readonly middle: readonly number[];
   readonly spread: readonly number[];
 }
