@@ -20,7 +20,9 @@ pytest.importorskip("cryptography", reason="the package cryptography is not inst
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 
 from splatwire.transport.http.content import PageContent, WebTransportEndpoint
+from splatwire.transport.http.messages import Response, make_response
 from splatwire.transport.http.proxies import parse_networks
+from splatwire.transport.http.publish import FOREVER, REVALIDATED
 from splatwire.transport.http.server import PageServer
 from splatwire.transport.quic.certificate import self_signed
 
@@ -28,6 +30,7 @@ NGINX = shutil.which("nginx", path=f"{os.environ.get('PATH', '')}:/usr/sbin")
 CADDY = shutil.which("caddy")
 pytestmark = pytest.mark.slow
 DEPLOY = Path(__file__).parents[2] / "deploy"
+DOCUMENT = DEPLOY.parent / "docs" / "cdn.md"
 NAME = "splats.example.org"
 VISITOR = "127.0.0.2"
 BODY = random.Random(0).randbytes(600_000)
@@ -39,6 +42,7 @@ error_log stderr;
 events {{}}
 http {{
     access_log off;
+    proxy_read_timeout 1s;
     client_body_temp_path {folder}/body;
     proxy_temp_path {folder}/proxy;
     fastcgi_temp_path {folder}/fastcgi;
@@ -85,11 +89,16 @@ def nginx_command(folder: Path, page: int, plain: int, secure: int) -> list[str]
         f"/etc/letsencrypt/live/{NAME}/fullchain.pem": str(certificate),
         f"/etc/letsencrypt/live/{NAME}/privkey.pem": str(key),
         "/var/cache/nginx/splatwire": str(folder / "cache"),
+        "/var/log/nginx/splatwire.log": str(folder / "access.log"),
     }.items():
         site = replaced(site, old, new)
     (folder / "site.conf").write_text(site)
     user = "user root;" if os.geteuid() == 0 else ""
     (folder / "nginx.conf").write_text(MAIN.format(folder=folder, user=user))
+    return nginx_words(folder)
+
+
+def nginx_words(folder: Path) -> list[str]:
     return [str(NGINX), "-p", str(folder), "-e", "stderr", "-c", str(folder / "nginx.conf")]
 
 
@@ -178,9 +187,69 @@ def test_page_and_streams_behind_nginx(tmp_path: Path, caplog: pytest.LogCapture
                 assert (current.body, current.headers["X-Cache"]) == (BODY, "MISS")
                 assert (await asked("/streams/ball.swz")).headers["X-Cache"] == "MISS"
                 assert server.num_responses > before
+                await asked("/private/ball.swz?token=secret")
+                await asyncio.to_thread(ask, plain, "/?stream=ball&token=secret", None)
 
     asyncio.run(asyncio.wait_for(work(), 60))
     assert logged_clients(caplog) == {VISITOR}
+    log = (tmp_path / "access.log").read_text()
+    assert "/private/ball.swz" in log
+    assert "secret" not in log
+
+
+class SlowContent:
+    """Content that takes longer than the timeout of `MAIN`, as a download that is made first."""
+
+    host = "127.0.0.1"
+
+    async def respond(self, head: bytes) -> Response:
+        await asyncio.sleep(2)
+        return self.respond_now(head)
+
+    def respond_now(self, head: bytes) -> Response:
+        return make_response("200 OK", body=b"made")
+
+    def busy(self, head: bytes) -> Response:
+        return make_response("503 Service Unavailable")
+
+
+@pytest.mark.skipif(NGINX is None, reason="nginx is not installed")
+def test_nginx_waits_until_a_download_is_made(tmp_path: Path):
+    plain, secure = free_port(), free_port()
+
+    async def work() -> None:
+        async with (
+            PageServer(SlowContent()) as server,
+            running(nginx_command(tmp_path, server.port, plain, secure), (plain, secure), tmp_path),
+        ):
+            answer = await asyncio.to_thread(ask, secure, "/ball.sog", tmp_path / "cert.pem")
+            assert (answer.status, answer.body) == (200, b"made")
+
+    asyncio.run(asyncio.wait_for(work(), 60))
+
+
+@pytest.mark.skipif(NGINX is None, reason="nginx is not installed")
+@pytest.mark.parametrize("below", ["", "splats/"])
+def test_nginx_sends_the_headers_of_a_published_site_in_any_folder(tmp_path: Path, below: str):
+    port, site = free_port(), tmp_path / "site" / below
+    (site / "streams").mkdir(parents=True)
+    for name in ("index.html", "ball.html", "streams.json", "streams/ball.123456789abc.swz"):
+        (site / name).write_bytes(BODY)
+    block = DOCUMENT.read_text(encoding="utf-8").split("```nginx\n")[1].split("```")[0]
+    nginx_command(tmp_path, port, port, port)
+    server = f"server {{ listen 127.0.0.1:{port}; root {tmp_path / 'site'}; index index.html; {block} }}"
+    (tmp_path / "site.conf").write_text(server)
+
+    async def work() -> None:
+        async with running(nginx_words(tmp_path), (port,), tmp_path):
+            for name in ("", "ball.html", "streams.json"):
+                page = await asyncio.to_thread(ask, port, f"/{below}{name}", None)
+                assert (page.status, page.headers["Cache-Control"]) == (200, REVALIDATED)
+            stream = await asyncio.to_thread(ask, port, f"/{below}streams/ball.123456789abc.swz", None)
+            assert (stream.status, stream.headers["Cache-Control"]) == (200, f"{FOREVER}, no-transform")
+            assert stream.headers["Access-Control-Allow-Origin"] == "*"
+
+    asyncio.run(asyncio.wait_for(work(), 60))
 
 
 @pytest.mark.skipif(CADDY is None, reason="Caddy is not installed")

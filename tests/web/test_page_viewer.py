@@ -158,6 +158,9 @@ def test_automatic_rotation_turns_the_camera_and_stops(page: Browser) -> None:
     page.resolve(NEXT_FRAMES)
     assert view_of(page) == stopped
     assert page.evaluate(f"{ELEMENT}.autorotate") is None
+    page.evaluate(f"{ELEMENT}.setAttribute('autorotate', 'false')")  # as React 18 writes it
+    page.evaluate(f"{button}.click()")
+    assert page.evaluate(f"{button}.ariaPressed") == "true"
 
 
 def test_reduced_motion_preference_prevents_automatic_rotation(page: Browser) -> None:

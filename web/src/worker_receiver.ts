@@ -16,6 +16,7 @@ import { SequenceFrames } from "./sequence_frames.ts";
 import { DecodedStream } from "./transport/decoded_stream.ts";
 import type { Counts, ReceivedPacket, TileRequest } from "./transport/events.ts";
 import type { Receiver } from "./transport/failover.ts";
+import { uncachedUrl } from "./transport/http_file.ts";
 import type { LossSimulation } from "./transport/losses.ts";
 import type { FromWorker, ToWorker } from "./transport/messages.ts";
 import { PacketCache } from "./transport/packet_cache.ts";
@@ -567,7 +568,7 @@ export class WorkerReceiver implements Receiver {
 
   /** Requests the whole scene if its file was replaced, because the next update is not there. */
   async #reload(file: string): Promise<void> {
-    const bytes = await readWhole(file, undefined, this.#updated!.digest);
+    const bytes = await readWhole(uncachedUrl(file), undefined, this.#updated!.digest);
     if (!bytes) return;
     const container = new ContainerReader(),
       packets = container.feed(bytes),

@@ -45,6 +45,7 @@ const NEAR: Camera = {
 export type Range = readonly [number, number] | null;
 
 export interface Asked {
+  readonly url: string;
   readonly range: Range;
   readonly cache: RequestCache;
   readonly signal: AbortSignal;
@@ -58,11 +59,11 @@ export class Server {
   readonly asked: Asked[] = [];
 
   constructor(public answering: Answering) {
-    globalThis.fetch = async (_, init) => {
+    globalThis.fetch = async (url, init) => {
       const header = (init?.headers as Record<string, string> | undefined)?.["Range"],
         bounds = /^bytes=(\d+)-(\d*)$/.exec(header ?? ""),
         range = bounds ? ([Number(bounds[1]), bounds[2] ? Number(bounds[2]) + 1 : Infinity] as const) : null,
-        asked = { range, cache: init?.cache ?? "default", signal: init!.signal! };
+        asked = { url: String(url), range, cache: init?.cache ?? "default", signal: init!.signal! };
       this.asked.push(asked);
       const answer = this.answering(asked, this.asked.length - 1);
       return Promise.race([answer, aborted(asked.signal)]);

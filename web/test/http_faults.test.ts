@@ -150,6 +150,23 @@ for (const [kind, file] of KINDS) {
     }
   });
 
+  for (const rest of ["is of the new one", "is refused"] as const)
+    test(`${kind}: a replaced file arrives although a proxy has its former beginning; the rest ${rest}`, async () => {
+      const KEPT = 4096, // the proxy has this many bytes of the former file, under the address with the file's tag
+        server = new Server((asked) => {
+          const [first, end] = asked.range ?? [0, Infinity];
+          if (server.asked.length > 60) return new Response(null, { status: 404 }); // ends the visit
+          if (!asked.url.includes("?")) return part(other, asked);
+          if (first >= KEPT && rest === "is refused") throw new TypeError("Failed to fetch");
+          if (first >= KEPT) return part(other, asked);
+          const answer = part(file, asked);
+          if (Math.min(end, file.length) <= KEPT) return answer;
+          return begun(file.slice(first, KEPT), { status: answer.status, headers: answer.headers }, "breaks");
+        });
+      assertWhole(await visit(null, { file: `${URL_}?0123456789abcdef` }), other);
+      assert.ok(server.asked.length < 20, `${server.asked.length} requests`);
+    });
+
   test(`${kind}: a file replaced all the time ends with an error`, async () => {
     const server = new Server((asked, n) => part(n % 2 ? file : other, asked)),
       { text } = await visit();
@@ -503,7 +520,7 @@ test("responses that the page may not read (CORS) are named by their header, and
   }
 });
 
-const NO_RANGE = { range: null, cache: "default" } as const;
+const NO_RANGE = { range: null, cache: "default", url: URL_ } as const;
 
 function shifted(file: Uint8Array, asked: Parameters<Answering>[0], honest: boolean): Response {
   if (!asked.range) return whole(file);

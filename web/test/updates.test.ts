@@ -105,6 +105,9 @@ test("gains of the scene before its updates are those of the Gaussians that stay
   assert.deepEqual(compacted.subarray(2 * kept), new Float32Array(2 * added).fill(1));
 });
 
+/** Address of a scene on the servers of splatwire, with the tag of its first content. */
+const TAGGED = `${URL_}?0123456789abcdef`;
+
 /** Ends the requests for updates, and the mocks. */
 async function ended(reception: WorkerReceiver): Promise<void> {
   reception.changed();
@@ -125,7 +128,7 @@ async function followed(
 ): Promise<[readonly FromWorker[], number]> {
   const file = bytesOf(CHAIN.states[0]),
     update = bytesOf(CHAIN.updates[0]),
-    name = updateUrl(URL_, manifestDigest(fileManifest(file))),
+    name = updateUrl(TAGGED, manifestDigest(fileManifest(file))),
     server = new Server((asked) => part(file, asked)),
     { reception, said, complete } = await visit();
   assert.ok(complete);
@@ -138,7 +141,7 @@ async function followed(
     return new Response(answers(update, updates++) as Uint8Array<ArrayBuffer>);
   });
   mock.timers.enable({ apis: ["setTimeout"] });
-  void reception.follow(URL_);
+  void reception.follow(TAGGED);
   while (!said.some(({ kind }) => kind === "update")) {
     await new Promise((resolve) => setImmediate(resolve));
     mock.timers.tick(500);

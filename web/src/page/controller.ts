@@ -89,7 +89,7 @@ export class Controller {
 
   /** `closed` is called when the window of the element's document is closed. Its elements stay connected. */
   constructor(
-    readonly host: HTMLElement & { readonly updates: boolean },
+    readonly host: HTMLElement & { readonly updates: boolean; autorotate: string | null },
     root: ShadowRoot,
     readonly dispatch: Dispatch,
     readonly closed: () => void,
@@ -143,7 +143,7 @@ export class Controller {
         changed: () => this.#settingsChanged(),
         flip: () => this.stage.orbit.flip(),
         reset: () => this.stage.orbit.reset(),
-        rotate: () => host.toggleAttribute("autorotate"),
+        rotate: () => void (host.autorotate = this.#rotation.running ? null : ""),
         retry,
         fullScreen: host.ownerDocument.fullscreenEnabled ? () => this.#toggleFullScreen() : null,
         copies,

@@ -43,7 +43,15 @@ const MAX_WITHHELD = 3;
 const MAX_BEGUN = 4;
 /** Temporary error statuses, of a server that is busy or restarting. */
 const PASSING = [408, 425, 429, 500];
+/**
+ * Query of a stream's URL on the servers of splatwire: the tag of its content. Proxies keep such a URL for a year, and
+ * may keep a part of it from before the file was replaced.
+ */
+const CONTENT_TAG = /\?[0-9a-f]{16}$/;
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
+
+/** Returns the URL under which no proxy keeps the file. */
+export const uncachedUrl = (url: string): string => url.replace(CONTENT_TAG, "");
 
 /** Error for incorrect range responses. The whole file must be read. */
 export class RangeUnsupported extends Error {}
@@ -198,11 +206,10 @@ export class HttpFile {
     signal?.addEventListener("abort", cancel);
     if (signal?.aborted) cancel();
     const headers: Record<string, string> =
-      first === null ? {} : { Range: `bytes=${first}-${end === null ? "" : end - 1}` };
+        first === null ? {} : { Range: `bytes=${first}-${end === null ? "" : end - 1}` },
+      url = cache === "reload" || this.isTryingWhole ? uncachedUrl(this.url) : this.url;
     try {
-      const response = await this.#timely(
-        permitted(this.url, fetch(this.url, { headers, cache, signal: aborted.signal })),
-      );
+      const response = await this.#timely(permitted(url, fetch(url, { headers, cache, signal: aborted.signal })));
       return this.#answer(response, first, end, cancel);
     } catch (error) {
       cancel();

@@ -100,7 +100,8 @@ export async function receiveFile(file: HttpFile, listener: Listener, store: Pac
 async function compare(file: HttpFile, listener: Listener, store: PacketStore): Promise<void> {
   file.takeBegun(0); // its bytes may be older than a replacement
   const stored = store.manifestBytes,
-    cache = file.cache === "default" ? "no-cache" : file.cache,
+    isDoubtful = file.cache === "reload" || file.damagedTiles.size > 0,
+    cache = isDoubtful ? "reload" : "no-cache",
     bytes = await readRange(file, 0, stored.length, stored.length, cache);
   if (bytes.length < stored.length || !isStream(bytes)) {
     const reason = bytes.length && !isStream(bytes) ? NOT_A_STREAM : TOO_SHORT;
