@@ -60,9 +60,11 @@ class SequenceOptions:
         if self.up not in ("auto", *UP_AXES):
             raise UnknownNameError("up axis", self.up, ("auto", *UP_AXES))
         if not 0 < self.rate <= MAX_FRAME_RATE:
-            raise InvalidValueError(f"a clip has up to {MAX_FRAME_RATE} frames a second, not {float(self.rate):g}")
+            raise InvalidValueError(
+                f"rate: clips have up to {MAX_FRAME_RATE} frames per second, not {float(self.rate):g}"
+            )
         if not isinstance(self.rate, Fraction):
-            object.__setattr__(self, "rate", Fraction(self.rate).limit_denominator(_MAX_DENOMINATOR))
+            object.__setattr__(self, "rate", Fraction(float(self.rate)).limit_denominator(_MAX_DENOMINATOR))
         if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:
             raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
 
