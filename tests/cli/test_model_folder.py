@@ -40,10 +40,11 @@ def test_verbs_accept_a_model_folder_and_its_cameras(run, model, tmp_path):
 
 
 def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path):
-    places = (model, model / "point_cloud", model / "point_cloud" / "iteration_7000")
-    assert [open_scene(place).background for place in places] == [BLACK] * 3
+    folder = model / "point_cloud" / "iteration_7000"
+    places = (model, model / "point_cloud", folder, folder / "point_cloud.ply")
+    assert [open_scene(place).background for place in places] == [BLACK] * 4
     (model / "cfg_args").write_text("Namespace(sh_degree=3, white_background=True, eval=True)")
-    assert [open_scene(place).background for place in places] == [WHITE] * 3
+    assert [open_scene(place).background for place in places] == [WHITE] * 4
     assert run("encode", model, "-o", tmp_path / "a.swz").status == 0
     assert open_scene(tmp_path / "a.swz").background == WHITE
 
@@ -51,7 +52,7 @@ def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path)
 def test_the_model_folder_is_found_from_inside(model, monkeypatch):
     (model / "cfg_args").write_text("Namespace(white_background=True)")
     monkeypatch.chdir(model / "point_cloud" / "iteration_30000")
-    assert [open_scene(place).background for place in ("..", "../..")] == [WHITE] * 2
+    assert [open_scene(place).background for place in ("..", "../..", "point_cloud.ply")] == [WHITE] * 3
 
 
 def test_unreadable_arguments_give_a_warning_and_black(model, caplog):

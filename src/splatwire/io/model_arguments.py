@@ -13,10 +13,10 @@ ARGUMENTS = "cfg_args"
 """Name of the file of 3DGS."""
 _GSPLAT_ARGUMENTS = "cfg.yml"
 """Name of the file of gsplat. It is in the folder above the PLY's folder."""
-_TRAINED_PLY = re.compile(r"point_cloud/iteration_\d+/point_cloud\.ply")
+_TRAINED_PLY = re.compile(r"iteration_\d+/point_cloud\.ply")
 _GSPLAT_PLY = re.compile(r"ply/point_cloud_\d+\.ply")
 """Patterns of the end of the path of a trained PLY, of 3DGS and of gsplat."""
-MODEL_DEPTH = 3
+_MODEL_DEPTH = 3
 """Number of folders from a trained PLY up to its model folder: `iteration_N`, `point_cloud`, the model."""
 _MAX_BYTES = 1 << 20
 _ARGUMENT = re.compile(r"\b(\w+)=('[^']*'|\"[^\"]*\"|[^\s,()]+)")
@@ -34,6 +34,16 @@ def read_arguments(path: Path) -> str:
         DatasetError: If it cannot be read, or is too large.
     """
     return read_limited(path, _MAX_BYTES, DatasetError).decode("utf-8", "replace")
+
+
+def model_folder_of(ply: Path) -> Path | None:
+    """Returns the model folder of a PLY that 3DGS has trained, by the names `iteration_N/point_cloud.ply`.
+
+    The result is None for any other file.
+    """
+    absolute = Path(os.path.abspath(ply))
+    is_trained = _TRAINED_PLY.fullmatch("/".join(absolute.parts[-2:])) and len(absolute.parents) >= _MODEL_DEPTH
+    return absolute.parents[_MODEL_DEPTH - 1] if is_trained else None
 
 
 def load_background(model_dir: Path) -> Background:
@@ -57,7 +67,7 @@ def load_antialiasing(ply: Path) -> bool:
     Raises:
         DatasetError: If the arguments cannot be read.
     """
-    path, pattern = _arguments_of(Path(os.path.abspath(ply)))
+    path, pattern = _arguments_of(ply)
     text = read_arguments(path) if path is not None and path.is_file() else ""
     arguments = [f"{match[1][:80]}: {match[2][:80]}" for match in pattern.finditer(text) if not _PATH.search(match[1])]
     if path is not None:
@@ -69,12 +79,10 @@ def _arguments_of(ply: Path) -> tuple[Path | None, re.Pattern[str]]:
     """Returns the path of the training arguments of a trained PLY, and the pattern of an argument in this file.
 
     The path is None for any other PLY.
-
-    Args:
-        ply: Absolute path of the PLY.
     """
-    if _TRAINED_PLY.fullmatch("/".join(ply.parts[-MODEL_DEPTH:])):
-        return ply.parents[MODEL_DEPTH - 1] / ARGUMENTS, _ARGUMENT
-    if _GSPLAT_PLY.fullmatch("/".join(ply.parts[-2:])):
-        return ply.parents[1] / _GSPLAT_ARGUMENTS, _YAML_ARGUMENT
+    if (folder := model_folder_of(ply)) is not None:
+        return folder / ARGUMENTS, _ARGUMENT
+    absolute = Path(os.path.abspath(ply))
+    if _GSPLAT_PLY.fullmatch("/".join(absolute.parts[-2:])):
+        return absolute.parents[1] / _GSPLAT_ARGUMENTS, _YAML_ARGUMENT
     return None, _ARGUMENT

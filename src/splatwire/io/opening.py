@@ -31,7 +31,7 @@ from splatwire.files.names import path_of
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import find_format, read_content, read_ply_steps
 from splatwire.io.formats.dispatch import read_with
-from splatwire.io.model_arguments import MODEL_DEPTH, load_background
+from splatwire.io.model_arguments import load_background, model_folder_of
 from splatwire.types import LossMask, SplatCoding, SplatScene
 from splatwire.types.background import BLACK, Background
 from splatwire.types.received_scene import ReceivedScene
@@ -176,7 +176,7 @@ def _read(path: Path) -> LoadedScene:
         content = read_content(path)
         scene = SplatScene(
             content.splats,
-            background=_background_of(path) if kind is MODEL_3DGS else BLACK,
+            background=_background_of(path),
             coding=_coding(path, kind, content.splats),
             antialiased=content.antialiased,
             origin=content.origin,
@@ -190,21 +190,21 @@ def _read(path: Path) -> LoadedScene:
     return LoadedScene(kind, *load_scene_file(path))
 
 
-def _background_of(folder: Path) -> Background:
-    """Returns the background colour with which the scene of a 3DGS model folder was trained.
+def _background_of(path: Path) -> Background:
+    """Returns the background colour with which a scene of 3DGS was trained.
 
     Args:
-        folder: The model folder, its folder `point_cloud`, or an `iteration_N` in it.
+        path: The model folder, its folder `point_cloud`, an `iteration_N` in it, or the PLY in that.
 
     Returns:
-        The colour; black, with a warning, if `cfg_args` cannot be read.
+        The colour; black for any other file, and, with a warning, if `cfg_args` cannot be read.
     """
-    ply = trained_ply(folder)
-    folders = () if ply is None else Path(os.path.abspath(ply)).parents
-    if len(folders) < MODEL_DEPTH:
+    ply = trained_ply(path) if path.is_dir() else path
+    folder = None if ply is None else model_folder_of(ply)
+    if folder is None:
         return BLACK
     try:
-        return load_background(folders[MODEL_DEPTH - 1])
+        return load_background(folder)
     except (DatasetError, OSError) as error:
         LOG.warning("%s; the background is black", error)
         return BLACK
