@@ -13,9 +13,10 @@ const FAST_SURPLUS_S = 0.5,
   JUMP_SURPLUS_S = 1;
 /**
  * Number of consecutive groups at the nominal rate that end an outage, after which the clock may jump. Each jump
- * doubles it, so that a path with repeated delays is not followed at once.
+ * doubles it, so that a path with repeated delays is not followed at once, until `CALM_GROUPS` groups arrive without.
  */
-const OUTAGE_END_GROUPS = 3;
+const OUTAGE_END_GROUPS = 3,
+  CALM_GROUPS = 120;
 
 /** Jitter buffer: maps times in seconds to frames. */
 export class JitterBuffer {
@@ -55,6 +56,7 @@ export class JitterBuffer {
   #jump(nominalSeconds: number, now: number): void {
     this.#steadyGroups = now - this.#arrivedAt > nominalSeconds / 2 ? this.#steadyGroups + 1 : 0;
     this.#arrivedAt = now;
+    if (this.#steadyGroups >= CALM_GROUPS) this.#steadyGroupsNeeded = OUTAGE_END_GROUPS;
     if (this.#steadyGroups < this.#steadyGroupsNeeded) return;
     // Not all steady ones: if the groups of the outage are lost, all count as one, which arrived with a long delay.
     const last = this.#frameZeroCandidates.slice(-this.#steadyGroupsNeeded),

@@ -93,6 +93,22 @@ for (const lasts of [3, 7, 20, 60])
       assert.ok(shown.has(groups * GROUP - 1));
     });
 
+test("playback is live again within two seconds after each of several outages", () => {
+  const lasts = 5,
+    every = 100,
+    groups = (6 * every * RATE) / GROUP,
+    isOut = (group: number): boolean => (((group + 1) * GROUP) / RATE) % every >= every - lasts,
+    { shown } = played(
+      Array.from({ length: groups }, () => 0.05),
+      isOut,
+    );
+  for (const [frame, time] of shown) {
+    const behind = time - frame / RATE;
+    if (time % every > 2 + GROUP / RATE && time % every < every - lasts)
+      assert.ok(behind < 2 * (GROUP / RATE) + 0.3, `frame ${frame} is ${behind} s behind`);
+  }
+});
+
 test("occasional late groups cause at most one stall", () => {
   const delays = Array.from({ length: 90 }, (_, n) => (n % 10 === 9 ? 1.5 : 0.05)),
     { shown } = played(delays);
