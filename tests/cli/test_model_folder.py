@@ -93,6 +93,15 @@ def test_a_ply_of_gsplat_has_the_antialiasing_of_its_training(tmp_path, text, ex
     assert antialiased(open_scene(ply)) is expected
 
 
+@pytest.mark.parametrize("setting", [True, False])
+def test_a_ply_of_lichtfeld_studio_has_the_antialiasing_of_its_training(tmp_path, caplog, setting):
+    write_splats([some_splats(20, 0)], tmp_path / "splat_30000.ply")
+    config = {"dataset": {"images": "images"}, "optimization": {"antialiasing": setting, "render_mode": "RGB"}}
+    (tmp_path / "training_config.json").write_text(json.dumps(config, indent=4))
+    assert antialiased(open_scene(tmp_path / "splat_30000.ply")) is setting
+    assert not caplog.messages
+
+
 @pytest.mark.parametrize("name", ["point_cloud/iteration_30000/deformation.pth", "deform/iteration_30000/deform.pth"])
 def test_networks_that_move_the_gaussians_give_a_warning(model, caplog, monkeypatch, name):
     open_scene(model)

@@ -1,4 +1,4 @@
-"""Training arguments in model folders: `cfg_args` of programs based on 3DGS, and `cfg.yml` of gsplat."""
+"""Training arguments in the folders of models: `cfg_args` of programs based on 3DGS, and files of gsplat and others."""
 
 import os
 import re
@@ -11,18 +11,22 @@ from splatwire.types.background import BLACK, WHITE, Background
 
 ARGUMENTS = "cfg_args"
 """Name of the file of 3DGS."""
-_GSPLAT_ARGUMENTS = "cfg.yml"
-"""Name of the file of gsplat. It is in the folder above the PLY's folder."""
 _TRAINED_PLY = re.compile(r"iteration_\d+/point_cloud\.ply")
-_GSPLAT_PLY = re.compile(r"ply/point_cloud_\d+\.ply")
-"""Patterns of the end of the path of a trained PLY, of 3DGS and of gsplat."""
+"""Pattern of the end of the path of a PLY that 3DGS has trained."""
 _MODEL_DEPTH = 3
 """Number of folders from a trained PLY up to its model folder: `iteration_N`, `point_cloud`, the model."""
 _MAX_BYTES = 1 << 20
 _ARGUMENT = re.compile(r"\b(\w+)=('[^']*'|\"[^\"]*\"|[^\s,()]+)")
 """Pattern of an argument with its value, such as `eval=True`."""
-_YAML_ARGUMENT = re.compile(r"^(\w+): *(\S.*)$", re.MULTILINE)
-"""Pattern of an argument in YAML, such as `antialiased: true`."""
+_OTHERS = (
+    (re.compile(r"ply/point_cloud_\d+\.ply"), 2, "cfg.yml", re.compile(r"^(\w+): *(\S.*)$", re.MULTILINE)),
+    (
+        re.compile(r".*/splat_\d+\.ply"), 1, "training_config.json",
+        re.compile(r'^ *"(\w+)": *([^\s{\[].*?),?$', re.MULTILINE),
+    ),
+)  # fmt: skip
+"""Training arguments of gsplat and of LichtFeld Studio: pattern of the end of a PLY's path, number of folders up to the
+file of the arguments, its name, and the pattern of an argument in it, such as `antialiased: true`."""
 _PATH = re.compile(r"path|dir|images|name", re.I)
 """Pattern of the names of arguments whose values are paths."""
 
@@ -61,8 +65,9 @@ def load_antialiasing(ply: Path) -> bool:
     """True if the training arguments near a trained PLY state antialiasing; logs a warning about unclear arguments.
 
     Args:
-        ply: The PLY. Its place shows the model folder: `point_cloud/iteration_N/point_cloud.ply` of 3DGS, or
-            `ply/point_cloud_N.ply` of gsplat. For any other place the result is False.
+        ply: The PLY. Its place shows the model folder: `point_cloud/iteration_N/point_cloud.ply` of 3DGS,
+            `ply/point_cloud_N.ply` of gsplat, or `splat_N.ply` of LichtFeld Studio. For any other place the result is
+            False.
 
     Raises:
         DatasetError: If the arguments cannot be read.
@@ -83,6 +88,7 @@ def _arguments_of(ply: Path) -> tuple[Path | None, re.Pattern[str]]:
     if (folder := model_folder_of(ply)) is not None:
         return folder / ARGUMENTS, _ARGUMENT
     absolute = Path(os.path.abspath(ply))
-    if _GSPLAT_PLY.fullmatch("/".join(absolute.parts[-2:])):
-        return absolute.parents[1] / _GSPLAT_ARGUMENTS, _YAML_ARGUMENT
+    for place, depth, name, argument in _OTHERS:
+        if place.fullmatch("/".join(absolute.parts[-2:])):
+            return absolute.parents[depth - 1] / name, argument
     return None, _ARGUMENT
