@@ -26,7 +26,7 @@ READERS = {
     "SplatScene": "open_scene",
     "Splats": "splatwire.io.formats.read_splats",
 }
-"""For each type, name of the function that returns an object of the type. Error messages mention this function."""
+"""For each type, the function or expression that returns an object of the type, for error messages."""
 _CONVERTED = ("Scene", "Elements")
 """Annotations that accept every value here, because `splatwire.anchors.appearance.as_scene` converts and checks it."""
 

@@ -91,7 +91,6 @@ def test_many_files_are_converted_and_failures_named(run, cloud, frames, tmp_pat
     assert not (out / "broken.swz").exists()
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM")
 def test_other_processes_import_no_module_from_the_current_folder(run, cloud, tmp_path, monkeypatch):
     (tmp_path / "random.py").write_text("raise SystemExit('the module of the folder was imported')\n")
     monkeypatch.chdir(tmp_path)
@@ -100,6 +99,7 @@ def test_other_processes_import_no_module_from_the_current_folder(run, cloud, tm
     assert (tmp_path / "streams" / "cloud.spz").is_file()
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGTERM")
 def test_a_signal_ends_the_conversions_that_run_and_those_that_wait(run, cloud, tmp_path, monkeypatch):
     finished = []
 

@@ -21,8 +21,8 @@ def targets_of(
     Args:
         moves: n tracks over F frames.
         bases: Their first frames.
-        lattice_bits: `-log2` of the lattice's unit, relative to the scene's size.
-        size_log: log2 of the scene's size.
+        lattice_bits: `-log2` of the lattice's unit, relative to the scene size.
+        size_log: log2 of the scene size.
 
     Returns:
         float64 (n, C, F); and largest rotation of each, the tangent of a quarter of its angle, float64 (n).

@@ -292,7 +292,7 @@ def test_frame_rates_may_be_any_numbers(rate, fraction):
     assert SequenceOptions(rate=rate).rate == Fraction(*fraction)
 
 
-@pytest.mark.parametrize("rate", [0, -1, 1001, float("nan"), float("inf")])
+@pytest.mark.parametrize("rate", [0, -1, 0.0004, 1001, float("nan"), float("inf")])
 def test_impossible_frame_rates_are_refused(rate):
     with pytest.raises(InvalidValueError, match=r"1000 frames per second|rate: expected .* not nan"):
         SequenceOptions(rate=rate)

@@ -522,10 +522,11 @@ def test_a_transfer_ends_while_the_host_name_is_resolved(
     monkeypatch: pytest.MonkeyPatch, scheme: str, reason: str
 ) -> None:
     """Without an answer, resolvers take up to half a minute."""
-    ended = threading.Event()
+    ended, answered = threading.Event(), threading.Event()
 
     def blocked(*given: Any, **named: Any) -> Any:
-        ended.wait(30)
+        ended.wait(60)
+        answered.set()
         raise socket.gaierror(socket.EAI_AGAIN, "Temporary failure in name resolution")
 
     monkeypatch.setattr(socket, "getaddrinfo", blocked)
@@ -545,6 +546,7 @@ def test_a_transfer_ends_while_the_host_name_is_resolved(
 
     try:
         asyncio.run(work())  # also waits for threads of the loop's executor
+        assert not answered.is_set()
     finally:
         ended.set()
 

@@ -56,7 +56,7 @@ def write_stream(stream: SceneStream, path: str | os.PathLike[str]) -> None:
         path: Destination. An existing stream is replaced.
 
     Raises:
-        InvalidValueError: If `stream` is not a stream, `path` is not a path or has the suffix of another kind of file,
+        InvalidValueError: If `stream` is not a stream, `path` is not a path or has the suffix of a file of Gaussians,
             or its folder does not exist.
         BitstreamError: If the destination exists and is not a stream; it is left unchanged.
         OSError: If writing fails.

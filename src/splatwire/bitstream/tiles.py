@@ -15,7 +15,7 @@ from splatwire.files.byte_io import ByteReader
 from splatwire.reprs import summary_repr
 
 MAX_LATTICE_BITS = 40
-"""Largest `-log2` of the quantisation step of box corners, as a fraction of the scene's size."""
+"""Largest `-log2` of the quantisation step of box corners, as a fraction of the scene size."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,8 +100,8 @@ async def open_server(
         listening: Options of the server: address, port and transport.
         limits: Limits of connections and resources for clients.
         stack: Exit stack that closes the server.
-        origins: Web origins whose pages may open sessions; if empty, all. On a loopback address without `--public-url`,
-            only pages of this machine, and clients that are no pages.
+        origins: Web origins whose pages may open sessions; if empty, all, but on a loopback address without
+            `--public-url` only pages of this machine, and clients that are no pages.
         live: Name of a live stream, which the page shows.
         access: Access rules for private scenes; None if all scenes are public.
     """

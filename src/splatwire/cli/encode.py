@@ -43,9 +43,9 @@ class Encode:
     """With --preset datagram: leave out the redundant copies of the most important Gaussians. They take 1 % of the
     bytes, are used by --conceal sketch, and gain about 2 dB if packets are lost."""
     up: Literal["auto", "y", "-y", "z", "-z"] = "auto"
-    """Up axis, for pages. auto: from the cameras, otherwise that of the file's metadata. Without both -y, as in
-    files of Gaussians, or y if Gaussians are clearly brighter seen from +y (in a flat scene: reach clearly farther to
-    +y)."""
+    """Up axis, for pages. auto: from the cameras, otherwise that of the file's metadata. If there are neither:
+    -y, as in files of Gaussians, or y if Gaussians are clearly brighter seen from +y (in a flat scene: reach clearly
+    farther to +y)."""
     refine: int = 0
     """Steps of refitting the context model before encoding; 600 steps take one to two minutes and save a few percent of
     the bytes. `train` refits by default; a decoded scene, or one imported from HAC++, loses 0.1 dB."""

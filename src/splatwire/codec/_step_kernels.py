@@ -70,7 +70,7 @@ def position_shift(base_exponents, precision_class, s0, elongation, flatness, op
         elongation: log2 of the ratio of the largest to the second scale, `BITS` fractional bits.
         flatness: log2 of the ratio of the second to the third scale, `BITS` fractional bits.
         opacity: log2 of the opacity, `BITS` fractional bits.
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
         max_shift: Upper limit on the result.
 
     Returns:

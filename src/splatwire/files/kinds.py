@@ -507,7 +507,8 @@ def _has_ksplat_header(head: bytes) -> bool:
     if len(head) <= _KSPLAT_BYTES or any(head[_KSPLAT_USED_BYTES:_KSPLAT_BYTES]):
         return False
     major, minor, max_sections, sections, _, count, level = _KSPLAT_HEADER.unpack_from(head)
-    plausible = 0 < sections <= max_sections <= _KSPLAT_SECTIONS and count > 0
+    # GaussForge writes 0 as the number of sections
+    plausible = sections <= max_sections and 0 < max_sections <= _KSPLAT_SECTIONS and count > 0
     return major == 0 and 0 < minor < _KSPLAT_MINORS and level < _KSPLAT_LEVELS and plausible
 
 

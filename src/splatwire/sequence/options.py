@@ -59,12 +59,14 @@ class SequenceOptions:
             raise UnknownNameError("order of Gaussians", self.order, FRAME_ORDERS)
         if self.up not in ("auto", *UP_AXES):
             raise UnknownNameError("up axis", self.up, ("auto", *UP_AXES))
-        if not 0 < self.rate <= MAX_FRAME_RATE:
+        rate = self.rate
+        if not isinstance(rate, Fraction) and 0 < rate <= MAX_FRAME_RATE:
+            rate = Fraction(float(rate)).limit_denominator(_MAX_DENOMINATOR)  # 0 if it is tiny
+        if not 0 < rate <= MAX_FRAME_RATE:
             raise InvalidValueError(
                 f"rate: clips have up to {MAX_FRAME_RATE} frames per second, not {float(self.rate):g}"
             )
-        if not isinstance(self.rate, Fraction):
-            object.__setattr__(self, "rate", Fraction(float(self.rate)).limit_denominator(_MAX_DENOMINATOR))
+        object.__setattr__(self, "rate", rate)
         if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:
             raise InvalidValueError(f"a group has 1 to {MAX_GROUP_FRAMES} frames, not {self.group_frames}")
 

@@ -75,7 +75,8 @@ class CausalCoding(CheckedFields):
             values) before quantisation. Streams have binary logarithms.
         middle: Median position of the anchors when the context phase of the training began, voxels. Fine-tuning
             does not change it.
-        spread: Twice the median distance of the anchors from `middle` along each axis at that time, at least 2, voxels.
+        spread: Twice the median distance of the anchors from `middle` along each axis at that time, voxels. The
+            distance is rounded up to whole voxels, and counts as at least 1.
         voxel_size: Spacing of anchor positions, world units.
         config: Configuration that determines the layer sizes of the networks.
     """

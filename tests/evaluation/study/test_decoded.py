@@ -143,10 +143,11 @@ def test_results_of_a_model_folder_need_no_row_that_encodes_it(folder, tmp_path,
     monkeypatch.setattr(input_files, "import_model", lambda kind, path: scene)
     study = study_of(folder, tmp_path, row("named", folder / "named", 9))
     model = dataclasses.replace(study.scenes[0], source=tmp_path / "model", kind="model")
-    of_model = dataclasses.replace(study, scenes=(model,))
+    as_it_is = dataclasses.replace(study.rows[0], key="model", label="model", decoded=(), packetization=None)
+    of_model = dataclasses.replace(study, scenes=(model,), rows=(*study.rows, as_it_is))
     result = run_study(of_model, Store(tmp_path / "store"), InProcess(), lambda task, share: None)
-    (named,) = summarize(result)
-    assert named.num_bytes == 9
+    named, as_it_is = summarize(result)
+    assert (named.num_bytes, as_it_is.num_bytes) == (9, 16)
     assert result.scenes["made up"].references.background == WHITE
 
 

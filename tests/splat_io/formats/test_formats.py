@@ -161,8 +161,10 @@ def test_ksplat_that_states_no_sections_is_read(tmp_path: Path) -> None:
     """GaussForge states the maximum number of sections only."""
     data = ksplat(level=0)
     stated = read_splats(write(tmp_path / "a.ksplat", data))
-    splats = read_splats(write(tmp_path / "b.ksplat", data[:8] + bytes(4) + data[12:]))
+    unstated = data[:8] + bytes(4) + data[12:]
+    splats = read_splats(write(tmp_path / "b.ksplat", unstated))
     assert np.array_equal(splats.means, stated.means)
+    assert np.array_equal(read_splats(write(tmp_path / "no_suffix", unstated)).means, stated.means)
 
 
 def test_ksplat_whose_sections_have_another_size_is_refused(tmp_path: Path) -> None:

@@ -159,6 +159,16 @@ def test_properties_with_the_prefixes_of_cloudcompare_are_read(prefix: bytes, tm
     assert np.array_equal(read_splats(tmp_path / "b.ply").sh, read_splats(tmp_path / "a.ply").sh)
 
 
+def test_a_property_with_a_prefix_is_not_read_in_place_of_the_one_without(tmp_path: Path) -> None:
+    splats = _splats()
+    write_splats([splats], tmp_path / "a.ply")
+    head, rows = (tmp_path / "a.ply").read_bytes().split(b"end_header\n", 1)
+    size = len(rows) // splats.num_gaussians
+    longer = b"".join(rows[at : at + size] + b"\0\0\0\0" for at in range(0, len(rows), size))
+    (tmp_path / "b.ply").write_bytes(head + b"property float scalar_opacity\nend_header\n" + longer)
+    assert np.array_equal(read_splats(tmp_path / "b.ply").opacities, read_splats(tmp_path / "a.ply").opacities)
+
+
 def test_compressed_ply_with_an_empty_element_of_harmonics_is_read(tmp_path: Path) -> None:
     """gsplat writes the element also for harmonics of degree 0, without properties."""
     path = tmp_path / "a.compressed.ply"

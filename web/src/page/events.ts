@@ -52,7 +52,7 @@ export interface Details {
   firstpicture: { ms: number; preview: boolean };
   /** End of the transfer: whether it is complete, and whether its digest was verified. */
   load: { complete: boolean; verified: boolean };
-  /** The element cannot continue, or draws only in software. */
+  /** The element cannot continue, draws only in software, or the digest of the stream is wrong. */
   error: { message: string };
   /** The camera moved; at most once per animation frame. World units. */
   camerachange: Viewpoint;

@@ -15,7 +15,7 @@ export class TransferStatus {
     readonly dispatch: Dispatch,
   ) {}
 
-  /** Reports that the element cannot continue, or draws only in software; `withdraw` takes it back. */
+  /** Reports an error (see the event `error`); `withdraw` takes it back. */
   fail(text: string): void {
     const { status } = this;
     if (status.failed !== text) this.#earlierError = status.failed;

@@ -220,7 +220,7 @@ def position_shifts(logs, precision_classes, base_exponents, lattice_bits, max_p
         logs: Logarithms of opacity and scales, int64 (n, 4).
         precision_classes: Precision class of each Gaussian, which selects its quantisation steps, int64 (n).
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         shifts: Output: log2 of the steps, in lattice spacings, int64 (n).

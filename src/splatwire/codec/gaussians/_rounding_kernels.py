@@ -63,7 +63,7 @@ def round_rows(
 
     Args:
         positions: Positions in lattice spacings, int64 (n, 3).
-        logs: log2 of the opacity, then of the scales relative to the scene's size, largest first, in fixed point with
+        logs: log2 of the opacity, then of the scales relative to the scene size, largest first, in fixed point with
             `BITS` fractional bits, int64 (n, 4).
         axes: Principal axes as columns, in the order of decreasing scale, float64 (n, 3, 3).
         colours: Base colours as Y Co Cg, in fixed point with `BITS` fractional bits, int64 (n, 3).
@@ -71,7 +71,7 @@ def round_rows(
             coarsest.
         base_exponents: `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision class 0, in
             fixed point with `STEP_BITS` fractional bits, int64 (9).
-        lattice_bits: `-log2` of the lattice spacing, as a share of the scene's size.
+        lattice_bits: `-log2` of the lattice spacing, as a share of the scene size.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
         flatness_table: Table that decodes the ratio of the second to the third scale, from `flatness_table`.
         harmonics: Spherical harmonics after the transform that decorrelates them, int32 (n, harmonics); replaced by the

@@ -60,7 +60,7 @@ def _write_logs(opacity, scales, size_log, row):
     Args:
         opacity: Opacity of the Gaussian.
         scales: Its standard deviations, float32 (3).
-        size_log: log2 of the scene's size in world units; scales are relative to this size.
+        size_log: log2 of the scene size in world units; scales are relative to this size.
         row: Output, int64 (4).
     """
     low, high = min(scales[0], scales[1]), max(scales[0], scales[1])
@@ -79,7 +79,7 @@ def write_logs(opacities, scales, size_log, logs):
     Args:
         opacities: float32 (n).
         scales: Standard deviations, float32 (n, 3).
-        size_log: log2 of the scene's size in world units; scales are relative to this size.
+        size_log: log2 of the scene size in world units; scales are relative to this size.
         logs: Output: opacity and scales, largest first, int64 (n, 4).
     """
     for i in range(len(logs)):
@@ -295,7 +295,7 @@ def summarise_block(indices, centres, scales, opacities, sh, factor, size_log, m
         opacities: float32 (N).
         sh: Spherical harmonics, float32 (N, K + 1, 3).
         factor: Reciprocal of the lattice spacing of positions, a power of two.
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size in world units.
         matrix: Transform of base colours, see `write_colours`.
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
         scratch: Working array, int64 (2, 4).
@@ -381,7 +381,7 @@ def gather_sources(
         scales: Standard deviations, float32 (N, 3).
         opacities: float32 (N).
         sh: Spherical harmonics, float32 (N, K + 1, 3).
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size in world units.
         matrix: Transform of base colours, see `write_colours`.
         grey: Y Co Cg of a Gaussian whose harmonics are 0, float64 (3).
         luma_chroma: Transform of harmonics from RGB to Y Co Cg in fixed point, float64 (3, 3).

@@ -51,8 +51,8 @@ def convert(
         rows: Decoded integers, int64 (n, columns).
         indices: For each of the n Gaussians, its index in the output arrays, int64 (n).
         corners: Lower corners of the bounding boxes of the Gaussians' blocks, in lattice spacings, int64 (n, 3).
-        size_log: log2 of the scene's size in world units.
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        size_log: log2 of the scene size in world units.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         powers: Table of powers of two, from `exponentials`.
         to_rgb: Factors from Y, Co and Cg (rows) to red, green and blue (columns), divided by the value of the spherical

@@ -35,7 +35,7 @@ class Sources:
     """Attributes of N Gaussians for rounding without encoding (`rounding`), mostly in fixed point.
 
     Attributes:
-        logs: int64 (N, 4), base-2 logarithms of the opacity and of the scales (relative to the scene's size, largest
+        logs: int64 (N, 4), base-2 logarithms of the opacity and of the scales (relative to the scene size, largest
             first), with `BITS` fractional bits.
         axes: float64 (N, 3, 3), principal axes as columns, in the order of decreasing scale.
         colours: int64 (N, 3), base colour as Y Co Cg, with `BITS` fractional bits.
@@ -56,9 +56,10 @@ def scene_middle(splats: Splats) -> np.ndarray:
 
 
 def log2_scene_size(splats: Splats) -> int:
-    """Returns log2 of the scene size, rounded down; from -32 to 32.
+    """Returns log2 of the scene size, from -32 to 32.
 
-    The scene size is the median distance of the Gaussians from the centre (`scene_middle`), in world units.
+    The scene size is the median distance of the Gaussians from the centre (`scene_middle`) in world units, rounded
+    down to a power of two.
     """
     means, middle, squares = splats.means, scene_middle(splats), large_empty((splats.num_gaussians,), np.float64)
 
@@ -77,7 +78,7 @@ def to_sources(splats: Splats, size_log: int) -> Sources:
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size in world units, from `log2_scene_size`.
+        size_log: log2 of the scene size in world units, from `log2_scene_size`.
     """
     axes = np.empty((splats.num_gaussians, 3, 3))
     sources.write_axes(kernel_array(splats.scales), kernel_array(splats.quats), axes)
@@ -89,7 +90,7 @@ def to_logs(splats: Splats, size_log: int) -> np.ndarray:
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size in world units; scales are relative to this size.
+        size_log: log2 of the scene size in world units; scales are relative to this size.
     """
     return logs_of(splats.opacities, splats.scales, size_log)
 
@@ -100,7 +101,7 @@ def logs_of(opacities: np.ndarray, scales: np.ndarray, size_log: int) -> np.ndar
     Args:
         opacities: float32 (n).
         scales: Standard deviations, float32 (n, 3).
-        size_log: log2 of the scene's size in world units; scales are relative to this size.
+        size_log: log2 of the scene size in world units; scales are relative to this size.
     """
     logs = np.empty((len(opacities), 4), np.int64)
     sources.write_logs(kernel_array(opacities), kernel_array(scales), size_log, logs)
@@ -191,8 +192,8 @@ def to_splats(
         harmonics: int32 (n, 3 K), decoded integers of the K transformed spherical harmonics, three colour components
             each.
         corners: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
-        size_log: log2 of the scene's size in world units.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
+        size_log: log2 of the scene size in world units.
         transform: int64 (K, K), transform of the K harmonics, from `fit_transform`.
     """
     count = len(rows)
@@ -214,8 +215,8 @@ def fill_splats(
         rows: int64 (n, columns), decoded integers of each Gaussian except the harmonics.
         harmonics: int32 (n, harmonics), decoded integers of the transformed spherical harmonics.
         corners: int64 (n, 3), lower corner of the bounding box of each Gaussian's block, in lattice spacings.
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
-        size_log: log2 of the scene's size in world units.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
+        size_log: log2 of the scene size in world units.
         transform: int64 (K, K), transform of the harmonics, from `fit_transform`.
     """
     from splatwire.codec.gaussians import _splat_kernels as kernels

@@ -182,8 +182,8 @@ def typical_cell_shift(means: np.ndarray, lattice_bits: int, size_log: int) -> i
 
     Args:
         means: Positions of the scene's Gaussians, (N, 3).
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
-        size_log: log2 of the scene's size in world units.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
+        size_log: log2 of the scene size in world units.
 
     Returns:
         log2 of the cell size, in lattice spacings.
@@ -203,8 +203,8 @@ def to_lattice(means: np.ndarray, lattice_bits: int, size_log: int) -> np.ndarra
     Args:
         means: float64 (N, 3), positions.
         lattice_bits: Resolution of the lattice: the distance between its points is `2 ** -lattice_bits` times the
-            scene's size.
-        size_log: log2 of the scene's size in world units.
+            scene size.
+        size_log: log2 of the scene size in world units.
 
     Raises:
         InvalidValueError: If a position exceeds the range of the lattice.

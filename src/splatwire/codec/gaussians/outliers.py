@@ -17,7 +17,7 @@ MAX_COORDINATE_BITS = MAX_LATTICE_BITS - 2
 quantisation step.
 """
 MAX_DISTANCE_OCTAVES = 12
-"""Largest coded distance, in octaves of the scene's size. The index of a cell has at most 21 bits per axis
+"""Largest coded distance, in octaves of the scene size. The index of a cell has at most 21 bits per axis
 (`MAX_CELL_BITS`). With 12
 octaves of distance, 9 bits are left for the Gaussians near the centre, as many as `choose_cell_shift` chooses for some
 hundreds of Gaussians.
@@ -36,7 +36,7 @@ def pull_in_outliers(splats: Splats, size_log: int) -> Splats:
 
     Args:
         splats: The Gaussians.
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size in world units.
 
     Returns:
         All Gaussians in the order of `splats`; `splats` itself if none was moved.
@@ -57,7 +57,7 @@ def pull_in_outliers(splats: Splats, size_log: int) -> Splats:
     # With scales reduced by the same factor, an outlier looks the same from the centre.
     factor = max_distance / distance[far]
     LOG.warning(
-        "encoding: %s of %s Gaussians are up to %.3g times the scene's size away and are moved nearer, to %.3g",
+        "encoding: %s of %s Gaussians are up to %.3g times the scene size away and are moved nearer, to %.3g",
         f"{len(far):,}", f"{splats.num_gaussians:,}", float(distance.max()) / 2.0**size_log,
         max_distance / 2.0**size_log,
     )  # fmt: skip

@@ -58,7 +58,7 @@ class SideInfo:
         lattice_bits: Resolution of positions. Positions are multiples of half a lattice spacing; the spacing is
             `2 ** (size_log - lattice_bits)` world units.
         base_exponents: int64 (9), `-log2` of the quantisation step of each quantity in `layout.STEPS`, for precision
-            class 0 (the coarsest) and a Gaussian with scales (relative to the scene's size) and opacity 1, in fixed
+            class 0 (the coarsest) and a Gaussian with scales (relative to the scene size) and opacity 1, in fixed
             point with `STEP_BITS` fractional bits. `layout.COEFFICIENTS` adapts the steps to other Gaussians.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings; -1 in side
             information of version 2, which has no such limit (see `packet_dependent`).

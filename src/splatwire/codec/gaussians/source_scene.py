@@ -379,7 +379,7 @@ def refine_flat_classes(
         precision_classes: uint8 (N), from `to_precision_classes`.
         finest_class: The finest precision class; 0 is the coarsest.
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size in world units.
 
     Returns:
         The changed precision classes, uint8 (N).
@@ -411,7 +411,7 @@ def _is_flat(scales: np.ndarray) -> np.ndarray:
 def _step_exponents(splats: Splats, quality: Quality, size_log: int) -> np.ndarray:
     """Returns `-log2` of the quantisation steps of all attributes in precision class 0 (the coarsest), in fixed point.
 
-    They are the steps of a Gaussian with scales (relative to the scene's size) and opacity 1. The step of the largest
+    They are the steps of a Gaussian with scales (relative to the scene size) and opacity 1. The step of the largest
     scale is adapted to the mean scale of the Gaussians.
     """
     base_exponents = quality.base_exponents(splats.degree)
@@ -476,10 +476,10 @@ def _quantised_positions(
 def _choose_lattice_bits(
     splats: Splats, precision_classes: np.ndarray, base_exponents: np.ndarray, size_log: int
 ) -> int:
-    """Chooses the lattice of positions; returns `-log2` of the ratio of its spacing to the scene's size.
+    """Chooses the lattice of positions; returns `-log2` of the ratio of its spacing to the scene size.
 
     The spacing is the finest quantisation step of any position, rounded down to a power of two. If some coordinates
-    would then exceed the range of the lattice, the spacing is larger, but never larger than the scene's size.
+    would then exceed the range of the lattice, the spacing is larger, but never larger than the scene size.
     """
     c, exponent = COEFFICIENTS[STEP_POSITION] / (1 << STEP_BITS), base_exponents[STEP_POSITION] / (1 << STEP_BITS)
 

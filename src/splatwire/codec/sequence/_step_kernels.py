@@ -27,7 +27,7 @@ def keyframe_shifts(columns, base_exponents, lattice_bits, max_position_shift, f
         columns: Decoded integers of each keyframe Gaussian: `CLASS`, `OPACITY`, `SCALE0`, `ELONGATION` and
             `FLATNESS`, int64 (n, 5).
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
         max_position_shift: log2 of the largest quantisation step of positions, in lattice spacings.
         flatness_table: Table for decoding the ratio of two scales, from `flatness_table`.
         shifts: Output: log2 of the steps, by channel of motion, int64 (n, channels).

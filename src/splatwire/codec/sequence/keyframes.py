@@ -25,7 +25,7 @@ from splatwire.types.splats import Splats
 
 LOG = logging.getLogger(__name__)
 MAX_KEYFRAME_LATTICE_BITS = 28
-"""Maximum number of lattice bits: `-log2` of the smallest lattice spacing, relative to the scene's size. Float32
+"""Maximum number of lattice bits: `-log2` of the smallest lattice spacing, relative to the scene size. Float32
 positions are rarely more precise. On a finer lattice, coefficients of fast motion exceed `layout.MAX_COEFFICIENT`, and
 the track needs a new keyframe Gaussian: this costs bytes, and its loss leaves a ghost (a stale Gaussian that is still
 drawn).

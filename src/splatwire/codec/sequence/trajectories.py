@@ -119,8 +119,8 @@ def add_frames(
             index are skipped.
         begin: First frame to add.
         end: End of the frames to add (exclusive).
-        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene's size.
-        size_log: log2 of the scene's size in world units.
+        lattice_bits: `-log2` of the lattice spacing of positions, relative to the scene size.
+        size_log: log2 of the scene size in world units.
         threads: Number of threads; None for one per processor.
     """
     to_luma_chroma = np.ascontiguousarray(LUMA_CHROMA * (DC * _FIXED_POINT_ONE))
@@ -168,7 +168,7 @@ class MotionEvaluator:
         num_frames: Number of frames in the group.
         lattice_bits: Resolution of positions: the spacing of their lattice is `2**-lattice_bits` times the scene's
             size.
-        size_log: log2 of the scene's size in world units.
+        size_log: log2 of the scene size in world units.
     """
 
     packets: Sequence[PacketMotion]

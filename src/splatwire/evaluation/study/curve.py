@@ -20,7 +20,7 @@ class ComparedRows(NamedTuple):
     """The three methods in the chart of PSNR against the loss rate.
 
     Attributes:
-        uncovered: Method that does not draw lost elements, and does not cover the gaps.
+        uncovered: Method that leaves the gaps of lost elements; the baseline if there is no such method.
         baseline: Baseline method of the evaluation.
         best: The method with the highest PSNR.
     """

@@ -54,7 +54,8 @@ class Lead:
 
     Attributes:
         sentence: Summary of the result.
-        left: Image without concealment; None if no pair of images is available.
+        left: Image without concealment, or of the baseline if no row leaves gaps; None if no pair of images is
+            available.
         right: Image with the best concealment, or the reference image.
         caption: Description of the images: view and loss.
         curve: Chart of the PSNR against the loss rate, SVG; None if only one rate was measured.
@@ -172,7 +173,8 @@ def _compared_images(view: ViewPictures, rows: ComparedRows | None) -> tuple[Sid
 
     Args:
         view: Images of the view.
-        rows: Table rows without concealment and with the best concealer; None if the evaluation has no such pair.
+        rows: Table rows without concealment (the baseline if no row leaves gaps) and with the best concealer; None if
+            the evaluation has no such pair.
     """
     # If one of them is missing, the image with the lowest PSNR is compared with the reference.
     shots = {shot.label: shot for shot in view.shots}

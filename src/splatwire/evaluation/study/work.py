@@ -32,6 +32,7 @@ from splatwire.evaluation.study.sequences import concealed_pictures
 from splatwire.evaluation.study.store import Store
 from splatwire.evaluation.study.units import Unit
 from splatwire.evaluation.views import Compared, ReferenceViews, spread
+from splatwire.files.kinds import HACPP, file_kind
 from splatwire.metrics.lpips import load_lpips
 from splatwire.metrics.lpips_files import find_lpips_files
 from splatwire.metrics.registry import LPIPS_SCALED
@@ -225,8 +226,10 @@ class UnitRunner:
             if unit.stream.elements == PICTURES:
                 return ReceivedInput(None, None, 0, sum(unit.stream.parts.values()), 0.0)
             if sent is None:
-                loaded_scene = self.store.files.loaded_scene(self.store.root / unit.stream.path)
-                num_bytes = sum(unit.stream.parts.values())
+                path, num_bytes = self.store.root / unit.stream.path, sum(unit.stream.parts.values())
+                if file_kind(path) is HACPP:
+                    return ReceivedInput(self.store.files.model(path), None, 0, num_bytes, 0.0)
+                loaded_scene = self.store.files.loaded_scene(path)
                 return ReceivedInput(loaded_scene.loaded, loaded_scene.loss_mask, 0, num_bytes, 0.0)
             started = time.perf_counter()
             received = self.decode(sent)

@@ -189,7 +189,7 @@ def _elements(
             name = list(elements)[-1]
             lists[name] = (*lists.get(name, ()), words[4])
         elif len(words) == 3 and words[1] in _TYPES:
-            list(elements.values())[-1][1].append((_PREFIX.sub("", words[2], 1), order + _TYPES[words[1]]))
+            list(elements.values())[-1][1].append((words[2], order + _TYPES[words[1]]))
         else:
             raise DatasetError(f"{path}: expected a property of one number, found {line!r}")
     # gsplat writes an element `sh` without properties for harmonics of degree 0
@@ -201,9 +201,17 @@ def _elements(
         if not 0 < len({field for field, _ in fields}) == len(fields) <= _MAX_PROPERTIES:
             limits = f"1 to {_MAX_PROPERTIES}, all different, are allowed"
             raise DatasetError(f"{path}: element {name} has {len(fields)} properties ({limits})")
-        elements_without_lists[name] = (count, np.dtype(fields))
+        elements_without_lists[name] = (count, np.dtype(_without_prefixes(fields)))
     after = list(elements)[len(elements_without_lists) + 1 :]
     return elements_without_lists, lists, tuple(name for name in after if elements[name][0])
+
+
+def _without_prefixes(fields: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Removes the prefixes of Gaussian properties where no other property then has the same name."""
+    plain = [_PREFIX.sub("", name, count=1) for name, _ in fields]
+    return [
+        (short if plain.count(short) == 1 else name, kind) for short, (name, kind) in zip(plain, fields, strict=True)
+    ]
 
 
 def _element(path: Path, words: list[str]) -> tuple[str, int]:

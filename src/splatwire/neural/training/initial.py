@@ -122,7 +122,8 @@ def grid_bounds(positions: Float[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Fl
 def position_bounds(voxels: Int64[Tensor, "N 3"]) -> tuple[Float[Tensor, "3"], Float[Tensor, "3"]]:
     """Returns the range of positions, in voxels, that the causal model uses to normalise its inputs.
 
-    The range is the median position minus and plus twice the median absolute deviation, which counts as at least 1.
+    The range is the median position minus and plus twice the median absolute deviation, which is
+    rounded up and counts as at least 1.
     """
     middle = voxels.median(dim=0).values.float()
     spread = (voxels - middle).abs().median(dim=0).values.clamp(min=1).ceil() * 2
