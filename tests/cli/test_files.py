@@ -1,6 +1,7 @@
 """Names and kinds of output files, and the files that remain after an interruption."""
 
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -9,6 +10,7 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from scenes import tiny_cameras
@@ -101,6 +103,17 @@ def test_pictures_appear_together_and_an_interrupted_render_keeps_the_earlier_on
     run(*words)
     assert sorted(path.name for path in out.iterdir()) == ["cameras.json", "notes.txt", "view_00.png", "view_01.png"]
     assert (out / "view_00.png").read_bytes() != b"earlier"
+
+
+def test_pictures_do_not_replace_cameras_of_another_program(run, journey, tmp_path):
+    view = {"img_name": "a", "position": [0, 0, -3], "rotation": np.eye(3).tolist(), "fx": 30, "fy": 30}
+    text = json.dumps([{"id": 0, "width": 32, "height": 24, **view}])
+    (tmp_path / "cameras.json").write_text(text)
+    words = ("render", journey / "tiny.scene", "--cameras", tmp_path / "cameras.json", "-o")
+    assert_complains(run(*words, tmp_path), "cameras.json was not written by splatwire")
+    assert (tmp_path / "cameras.json").read_text() == text
+    for _ in range(2):
+        assert run(*words, tmp_path / "pictures").status == 0
 
 
 def test_full_disk_leaves_no_partial_picture(run, journey, tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from splatwire.cli._scenes import chosen_background
 from splatwire.cli.render import Render
 from splatwire.concealment import create_concealer
 from splatwire.data import load_cameras, open_dataset, save_cameras
+from splatwire.data.camera_file import FORMAT
 from splatwire.errors import InvalidValueError
 from splatwire.evaluation.pixels import png_bytes, to_pixels
 from splatwire.evaluation.sequence.moving_picture import draw_sequence
@@ -28,6 +29,8 @@ _VIEW_SIZE = 512
 """Width and height of these views, pixels."""
 _CAMERAS_NAME = "cameras.json"
 """Name of the cameras file beside the pictures."""
+_HEAD_BYTES = 200
+"""Number of bytes at the beginning of a cameras file that state its format."""
 
 
 def run(command: Render) -> None:
@@ -63,6 +66,7 @@ def _draw_sequence(command: Render, stream: SceneStream, cameras: Cameras | None
 def _draw_scene(command: Render, source: Path, cameras: Cameras | None, background: Background | None) -> None:
     concealer = create_concealer(command.conceal or "drop")
     check_folder(command.output, "name a folder; `thumb` draws one picture")
+    _check_earlier_cameras(command.output / _CAMERAS_NAME)
     scene, num_lost = drawable_scene(source, concealer)
     if cameras is None:
         cameras = framing_cameras(scene, _NUM_VIEWS, _VIEW_SIZE)
@@ -93,6 +97,18 @@ def _draw_scene(command: Render, source: Path, cameras: Cameras | None, backgrou
     else:
         size = f"{cameras.width} x {cameras.height}"
         print_summary(f"{cameras.num_views} pictures of {size} in {seconds:.1f} s -> {command.output}")
+
+
+def _check_earlier_cameras(path: Path) -> None:
+    """Checks that the cameras file of other programs, such as that of a 3DGS model, is not replaced.
+
+    Raises:
+        InvalidValueError: If there is such a file.
+    """
+    if path.is_file():
+        with path.open("rb") as file:
+            if FORMAT.encode() not in file.read(_HEAD_BYTES):
+                raise InvalidValueError(f"{path} was not written by splatwire and would be lost: name another folder")
 
 
 def find_cameras(cameras: Path | None, data: Path | None) -> Cameras | None:
