@@ -576,7 +576,8 @@ def _unpacked_xz(head: bytes) -> bytes:
 
 def _ply_kind(head: bytes) -> Kind:
     lines = head.partition(b"end_header")[0].splitlines()
-    names = {words[-1] for line in lines if (words := line.split()) and words[0] == b"property"}
+    properties = {words[-1] for line in lines if (words := line.split()) and words[0] == b"property"}
+    names = {re.sub(rb"^(?:scalar_)?(?:scal_)?", b"", name) for name in properties}  # prefixes of CloudCompare
     if b"f_anchor_feat_0" in names:
         return ANCHORS_PLY
     if b"packed_position" in names:

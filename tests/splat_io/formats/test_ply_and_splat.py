@@ -10,6 +10,7 @@ from close import assert_close, unit
 from random_numbers import Numbers
 from splat_io.formats.handmade import ksplat, ply
 from splatwire.errors import DatasetError, InvalidValueError
+from splatwire.files.kinds import SPLATS_PLY, file_kind
 from splatwire.files.scene_formats import FORMATS
 from splatwire.io.formats import read_splats, splats_kind, write_splats
 from splatwire.io.formats.ply import write_ply
@@ -157,6 +158,7 @@ def test_properties_with_the_prefixes_of_cloudcompare_are_read(prefix: bytes, tm
         data = data.replace(b"property float " + name, b"property float " + prefix + name)
     (tmp_path / "b.ply").write_bytes(data)
     assert np.array_equal(read_splats(tmp_path / "b.ply").sh, read_splats(tmp_path / "a.ply").sh)
+    assert file_kind(tmp_path / "b.ply") == SPLATS_PLY
 
 
 def test_a_property_with_a_prefix_is_not_read_in_place_of_the_one_without(tmp_path: Path) -> None:
