@@ -159,7 +159,7 @@ def _(scene: AnchorScene) -> Origin:
 
 @singledispatch
 def metadata_of(scene: Scene) -> SceneMetadata:
-    """Returns title, author, license and initial view of a scene."""
+    """Returns title, author, license, up axis, initial view and orbit limits of a scene."""
     return NO_METADATA
 
 

@@ -97,8 +97,8 @@ class StreamSchema:
             forged.
         layout: True if the manifest contains the sizes of an anchor's attributes.
         separable: True if packets may contain single attributes (separated packaging).
-        spread: True if the default packetization is `spread` (blocks as large as possible), False if it is `paper`
-            (small blocks). Each packet contains elements from all over its block.
+        large_blocks: True if the default packetization is the preset `spread` (blocks as large as possible), False if
+            it is `paper` (small blocks).
         explicit: True if the elements are Gaussians, which are the same in all views; False for anchors, from which
             Gaussians are generated for each view.
         page: True if the web decoder supports the schema.
@@ -118,7 +118,7 @@ class StreamSchema:
     elements_per_byte: int
     layout: bool = False
     separable: bool = False
-    spread: bool = True
+    large_blocks: bool = True
     explicit: bool = False
     page: bool = True
     timed: bool = False
@@ -150,20 +150,22 @@ for _schema in (
         scene_path="splatwire.types.anchor_scene:AnchorScene",
     ),
     StreamSchema(
-        GAUSSIANS, 2, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
-        codec_path="splatwire.codec.gaussians.schema:SCHEMA", scene_path="splatwire.types.splat_scene:SplatScene",
+        GAUSSIANS, 2, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, large_blocks=False,
+        explicit=True, codec_path="splatwire.codec.gaussians.schema:SCHEMA",
+        scene_path="splatwire.types.splat_scene:SplatScene",
     ),
     StreamSchema(
-        LEVELS, 4, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
-        tiled=True, codec_path="splatwire.codec.lod.schema:SCHEMA", scene_path="splatwire.types.lod_scene:LevelScene",
+        LEVELS, 4, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, large_blocks=False,
+        explicit=True, tiled=True, codec_path="splatwire.codec.lod.schema:SCHEMA",
+        scene_path="splatwire.types.lod_scene:LevelScene",
     ),
     StreamSchema(
-        UPDATE, 5, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
-        page=False, codec_path="splatwire.codec.update.schema:SCHEMA",
+        UPDATE, 5, "Gaussians", ("header", "blocks", "contexts"), MAX_BLOCK_SIZE // 7, large_blocks=False,
+        explicit=True, page=False, codec_path="splatwire.codec.update.schema:SCHEMA",
         scene_path="splatwire.types.update_scene:UpdateScene",
     ),
     StreamSchema(
-        TRACKS, 3, "tracks", ("clip", "keyframes", "motion"), MAX_BLOCK_SIZE // 7, spread=False, explicit=True,
+        TRACKS, 3, "tracks", ("clip", "keyframes", "motion"), MAX_BLOCK_SIZE // 7, large_blocks=False, explicit=True,
         timed=True, max_tiers=MAX_SPANS, codec_path="splatwire.codec.sequence.schema:SCHEMA",
         scene_path="splatwire.types.sequence_scene:SequenceScene",
     ),

@@ -159,7 +159,7 @@ def packetization_named(name: str | None, schema: str, num_elements: int) -> Pac
     Raises:
         UnknownNameError: If the name is unknown.
     """
-    name = name or (SPREAD if SCHEMAS[schema].spread else "paper")
+    name = name or (SPREAD if SCHEMAS[schema].large_blocks else "paper")
     if name == SPREAD:
         return spread_packetization(num_elements)
     if name not in PRESETS:

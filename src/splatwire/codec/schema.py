@@ -46,7 +46,10 @@ class Encoder(Protocol):
     """Interface of an encoder, which converts the elements of one scene to packets."""
 
     def batches(self) -> Iterator[Any]:
-        """Yields the parts of the stream in order; none is empty. Different parts can be encoded in parallel."""
+        """Yields the parts of the stream in order; none is empty. Different parts can be encoded in parallel.
+
+        A part is any value that this encoder's `encode` accepts, such as the index of a block.
+        """
 
     def encode(self, batch: Any) -> CodedPackets:
         """Encodes one part of the stream, as yielded by `batches`; may be called from several threads."""

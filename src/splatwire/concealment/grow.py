@@ -61,7 +61,8 @@ class Grow:
     def with_neighbors(self, received: ReceivedScene) -> "Grow":
         """Returns a copy of this concealer that stores the nearest neighbours of all elements of a scene.
 
-        This saves time if many loss patterns of the same scene are concealed.
+        This saves time if many loss patterns of the same scene are concealed. If the stream predicts no values, as for
+        explicit Gaussians, this concealer itself is returned.
         """
         if received.prediction is None:
             return self  # positions of lost elements depend on the received ones

@@ -47,7 +47,8 @@ def save_scene(
     Args:
         scene: The scene. Anchors are written losslessly. Explicit Gaussians are written in the format of the file
             name's suffix, such as `.ply`, `.compressed.ply`, `.spz` or `.sog`. Changes by loss concealment are
-            included, and lost Gaussians are omitted. A `.ply` of decoded Gaussians can be encoded again without loss.
+            included; Gaussians that it hides, and lost ones without concealment, are omitted. A `.ply` of decoded
+            Gaussians can be encoded again without loss.
         path: Path of the file.
         loss_mask: Loss mask before concealment, for information; only scene files of anchors store it.
         outliers: Treatment of Gaussians with extreme values, as for `splatwire.io.formats.write_splats`.

@@ -122,7 +122,7 @@ def measure_class_offsets(
 
     Returns:
         Precision class of each Gaussian relative to the finest class, int8 (N): 0, or negative for coarser classes. The
-        quantisation steps double with each class. A few values may be above 0; encoders treat them as 0.
+        quantisation steps double with each coarser class. A few values may be above 0; encoders treat them as 0.
     """
     # The sensitivity is estimated from gradients of sums of pixels with random signs (see
     # `splatwire.render.pruning`). Without cameras there are 12 views around the Gaussians or, with several parts, 6

@@ -1,4 +1,4 @@
-"""Metadata of a scene: title, author, license, up axis and initial view."""
+"""Metadata of a scene: title, author, license, up axis, initial view and orbit limits."""
 
 import logging
 import math

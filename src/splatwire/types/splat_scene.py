@@ -71,7 +71,7 @@ class SplatScene:
         antialiased: True if the scene was trained with antialiased rendering (Mip-Splatting). Renderers then lower the
             opacity of Gaussians that they widen to a pixel.
         origin: World coordinates of the point that positions are relative to.
-        metadata: Title, author, license, and the initial view.
+        metadata: Title, author, license, up axis, initial view and orbit limits.
     """
 
     ELEMENTS: ClassVar[str] = "Gaussians"

@@ -116,15 +116,16 @@ def validity_of_anchors(anchors: Anchors) -> ElementValidity:
     return _validity_of_masks(drawn, valid)
 
 
-def _validity_of_masks(drawable: list[np.ndarray], valid_or_invisible: list[np.ndarray]) -> ElementValidity:
+def _validity_of_masks(drawable: list[np.ndarray], not_invalid: list[np.ndarray]) -> ElementValidity:
     """Combines the masks of consecutive chunks of elements.
 
     Args:
         drawable: Mask of drawable elements of each chunk, bool.
-        valid_or_invisible: Mask of the elements of each chunk that are valid or invisible, bool.
+        not_invalid: Mask of the elements of each chunk that do not count as invalid, bool. A transparent Gaussian with
+            invalid values counts as invalid; an anchor without offsets does not.
     """
     kept = np.concatenate(drawable) if drawable else np.zeros(0, np.bool_)
-    bad = ~np.concatenate(valid_or_invisible) if valid_or_invisible else kept
+    bad = ~np.concatenate(not_invalid) if not_invalid else kept
     num_invalid = int(bad.sum())
     first = int(bad.argmax()) if num_invalid else None
     return ElementValidity(kept, len(kept) - int(kept.sum()) - num_invalid, num_invalid, first)

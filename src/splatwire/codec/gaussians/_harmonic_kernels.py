@@ -33,12 +33,14 @@ INDEX_CONTEXTS = np.array(
 @njit(borrows=True, error_model="numpy", forceinline=True)
 @no_type_check
 def code_harmonics(coder, values, source, base_exponents, precision_class):
-    """Encodes or decodes the spherical harmonics of a Gaussian, in the colour space Y Co Cg.
+    """Encodes or decodes the transformed spherical harmonics of a Gaussian, as integers.
+
+    The transform decorrelates the harmonics in the colour space Y Co Cg (see `SideInfo.transform`).
 
     Args:
         coder: Entropy coder.
-        values: Output: decoded harmonics of the Gaussian, int32 (harmonics).
-        source: Harmonics before quantisation, int32 (harmonics); only used by an encoder.
+        values: Output: decoded transformed harmonics of the Gaussian, int32 (harmonics).
+        source: Transformed harmonics before quantisation, int32 (harmonics); only used by an encoder.
         base_exponents: `-log2` of the quantisation steps in precision class 0 (the coarsest), in fixed point.
         precision_class: Precision class of the Gaussian; the steps of class c + 1 are half as large as those of class
             c.

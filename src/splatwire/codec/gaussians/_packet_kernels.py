@@ -129,7 +129,8 @@ def _code_position(coder, row, cell, position, cell_shift, shift, absolute):
 
     Args:
         coder: Entropy coder.
-        row: Decoded integers of the Gaussian, int64 (columns); the position is written, in half lattice spacings.
+        row: Decoded integers of the Gaussian, int64 (columns); the position relative to the corner of
+            the block's bounding box is written, in half lattice spacings.
         cell: Grid cell of the Gaussian, int64 (3).
         position: Position relative to the corner of the block's bounding box, in lattice spacings; only used by an
             encoder.
@@ -215,7 +216,7 @@ def _code_packet(coder, step_parameters, box_bits, block_means, source, order, r
         source: The block's Gaussians, as fields of a `BlockSource`; ignored by a decoder.
         order: Indices of the packet's Gaussians in `source`, int64 (n); ignored by a decoder.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
-        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+        harmonics: Output: decoded transformed harmonics (see `code_harmonics`), int32 (n, harmonics).
         scratch: Working arrays from `new_scratch`.
     """
     base_exponents, lattice_bits, max_position_shift, flatness_table = step_parameters
@@ -322,7 +323,8 @@ def encode_fixed(
         counts: Number of Gaussians in each packet, int64 (packets).
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
-        harmonics: Output: decoded spherical harmonics, int32 (n, 3 K), for K harmonics of three colour components.
+        harmonics: Output: decoded transformed harmonics (see `code_harmonics`), int32 (n, 3 K), for K harmonics
+            of three colour components.
         ends: Output: end of each payload in the buffer, int64 (packets).
     """
     begin, at = ZERO, ZERO  # with the literal 0, numba would compile `_encode_packet` for literals first
@@ -368,7 +370,7 @@ def encode_limited(
         max_payload_bytes: Maximum size of a packet's payload, bytes.
         buffer: Output: the payloads one after another, uint8.
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
-        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+        harmonics: Output: decoded transformed harmonics (see `code_harmonics`), int32 (n, harmonics).
         counts: Output: number of Gaussians in each packet, int64 (n).
         ends: Output: end of each payload in the buffer, int64 (n).
 
@@ -469,7 +471,7 @@ def decode_packets(
         box_bits: Number of bits of a coordinate within the bounding box of each packet's block, int64 (P).
         block_means: Means of each packet's block (see `SideInfo.block_means`), int64 (P, 7).
         rows: Output: decoded integers of each Gaussian except harmonics, int64 (n, columns).
-        harmonics: Output: decoded spherical harmonics, int32 (n, harmonics).
+        harmonics: Output: decoded transformed harmonics (see `code_harmonics`), int32 (n, harmonics).
     """
     statistics = np.zeros((1, 2), np.int64), np.zeros((1, 1, 1, 2), np.int64)
     one, three, four = np.zeros(1, np.int64), np.zeros((1, 3), np.int64), np.zeros((1, 4), np.int64)

@@ -16,7 +16,8 @@ POSITION, CLASS, OPACITY, SCALE0, ELONGATION, FLATNESS, AXIS, PRIMARY, SPIN_BITS
 COLUMNS = 17
 """Number of integers of a decoded Gaussian, without harmonics. The columns are, in order:
 
-* `POSITION` (3): position, in half lattice units
+* `POSITION` (3): position relative to the lower corner of the block's bounding box (in `_rounding_kernels`: to the
+  origin of the lattice), in half lattice spacings
 * `CLASS`: precision class
 * `OPACITY`: logarithm of the opacity
 * `SCALE0`: logarithm of the largest scale

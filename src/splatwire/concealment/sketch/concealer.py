@@ -38,8 +38,8 @@ _MIN_SHARE = 0.05
 class Sketch(CheckedFields):
     """Concealer that draws coarse copies of the most important lost elements.
 
-    The sender adds the copies (the sketch) to the side information: `splatwire calibrate sketch` for anchors, the
-    encoder for explicit Gaussians. Lost elements without a copy are hidden, and drawn elements around them are
+    The sender adds the copies (the sketch) to the side information: `splatwire encode --preset datagram` or
+    `splatwire calibrate sketch`. Lost elements without a copy are hidden, and drawn elements around them are
     enlarged.
     """
 

@@ -18,7 +18,7 @@ FREE_GAUSSIANS = 1 << 18
 """Number of Gaussians accepted for a file of any size; with harmonics of degree 3 they take 62 MB of memory."""
 BYTES_PER_GAUSSIAN = 4
 """Minimum file size per Gaussian beyond `FREE_GAUSSIANS`, bytes; the densest known files have 7. A Gaussian with
-harmonics of degree 3 takes 236 bytes of memory, so memory is at most about 120 times the file size."""
+harmonics of degree 3 takes 236 bytes of memory, 59 times this size."""
 
 MAX_LOG_SCALE = 60.0
 """Limit of log scales: smaller sizes are raised to `exp(-60)`, larger ones than `exp(60)` are invalid."""

@@ -1,7 +1,8 @@
 """Metadata of a scene in PLY comments.
 
-This package writes `title: …`, `author: …`, `license: …`, `up: -y` and `view: …` with nine numbers. Common variants of
-other programs are read too, such as `Vertical Axis: z`, `Copyright 2024 A. B.` or the name of a license.
+This package writes `title: …`, `author: …`, `license: …`, `up: -y`, `view: …` with nine numbers and `orbit: …` with
+three. Common variants of other programs are read too, such as `Vertical Axis: z`, `Copyright 2024 A. B.` or the name of
+a license.
 """
 
 import math
