@@ -147,12 +147,12 @@ for (const [name, sending] of Object.entries(USEFUL))
     assert.ok(ms >= STOP_MS && ms < STOP_MS + 1000, `${ms} ms`);
   });
 
-/** Returns the URLs of the sessions that are tried for an address at which no server listens. */
-async function triedFor(url: string): Promise<string[]> {
+/** Returns the URLs of the sessions that are tried for an address that refuses all, or is silent. */
+async function triedFor(url: string, isSilent = false): Promise<string[]> {
   const world = globalThis as Record<string, unknown>,
     tried: string[] = [];
   world["WebTransport"] = class {
-    readonly ready = Promise.reject(new Error("refused"));
+    readonly ready = isSilent ? new Promise(() => undefined) : Promise.reject(new Error("refused"));
     readonly closed = new Promise(() => undefined);
     constructor(address: string) {
       tried.push(address);
@@ -169,7 +169,7 @@ async function triedFor(url: string): Promise<string[]> {
       await new Promise((resolve) => setImmediate(resolve));
       mock.timers.tick(STEP_MS);
     }
-    assert.equal(ended, "refused");
+    assert.equal(ended, isSilent ? "no answer to a WebTransport session" : "refused");
     return tried;
   } finally {
     mock.timers.reset();
@@ -181,6 +181,7 @@ test("sessions with localhost are tried at 127.0.0.1 first", async () => {
   for (const host of ["localhost", "LOCALHOST.", "scenes.localhost"]) {
     const url = new URL(`https://${host}:4840/splatwire`).href;
     assert.deepEqual(await triedFor(url), ["https://127.0.0.1:4840/splatwire", url]);
+    assert.deepEqual(await triedFor(url, true), ["https://127.0.0.1:4840/splatwire"], "else the file comes later");
   }
   for (const url of ["https://notlocalhost:4840/a", "https://localhost.example/a", "https://127.0.0.1:4840/a"])
     assert.deepEqual(await triedFor(url), [url]);

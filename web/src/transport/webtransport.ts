@@ -10,6 +10,7 @@ import { MessageReader } from "./wire_messages.ts";
 
 /** Maximum time until a session is open, or the server answers a look-up, milliseconds. */
 const SESSION_TIMEOUT_MS = 4000;
+const NO_ANSWER = "no answer to a WebTransport session";
 /** Time without anything new from the server after which a session ends, milliseconds. */
 const SILENCE_TIMEOUT_MS = 10_000;
 /** Interval in which a server must send `MIN_NEW` symbols and packets, unless it may have nothing to send; ms. */
@@ -286,7 +287,10 @@ async function openSession(session: SessionAddress, options: SessionOptions): Pr
     url.hostname = "127.0.0.1";
     try {
       return await openSessionAt({ ...session, url: url.href }, options);
-    } catch {} // the server may listen on [::1]
+    } catch (error) {
+      if ((error as Error).message === NO_ANSWER) throw error;
+      // nothing listens there: the server may listen on [::1]
+    }
   }
   return openSessionAt(session, options);
 }
@@ -334,6 +338,6 @@ async function openSessionAt(
 
 /** Awaits a promise. Throws an error if the server does not answer in time. */
 function withTimeout<T>(work: Promise<T>, ms = SESSION_TIMEOUT_MS): Promise<T> {
-  const late = delay(ms).then(() => Promise.reject(new Error("no answer to a WebTransport session")));
+  const late = delay(ms).then(() => Promise.reject(new Error(NO_ANSWER)));
   return Promise.race([work, late]);
 }
