@@ -106,6 +106,18 @@ def test_terminal_tables_have_colours_and_no_control_characters():
     assert not controls(own_sequences(shown))
 
 
+def test_infinite_means_are_explained(capsys):
+    """Of several seeds or views, one lost nothing that is visible."""
+    row = {
+        "method": "drop", "psnr": None, "exact": False, "ssim": 0.9, "lpips": None, "num_lost": 3, "num_bytes": 10,
+        "seconds": 1.0, "parts": {}, "metrics": {},
+    }  # fmt: skip
+    print_rows([row], "a title", lpips_note="")
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "│ infinite │" in shown
+    assert "PSNR is infinite if" in shown
+
+
 def test_progress_shows_names_without_control_characters():
     with at_a_terminal() as terminal:
         with printable_streams(), progress_bars() as report:

@@ -26,7 +26,7 @@ def print_rows(rows: Sequence[Mapping[str, Any]], title: str, *, lpips_note: str
 def _line(row: Mapping[str, Any], others: Sequence[str]) -> tuple[str, ...]:
     return (
         row["method"],
-        "= reference" if row["exact"] else _figure(row["psnr"], 2),
+        "= reference" if row["exact"] else "infinite" if row["psnr"] is None else f"{row['psnr']:.2f}",
         f"{row['ssim']:.4f}",
         "no weights" if row["lpips"] is None else f"{row['lpips']:.4f}",
         *(_figure(row["metrics"][name], METRICS[name].digits) for name in others),
@@ -43,4 +43,6 @@ def _figure(value: float | None, digits: int) -> str:
 def _caption(rows: Sequence[Mapping[str, Any]], lpips_note: str) -> str:
     parts = ", ".join(f"{name.replace('_', ' ')} {size:,}" for name, size in rows[-1]["parts"].items())
     lpips = f"\nLPIPS: {lpips_note}" if lpips_note else ""
-    return f"bytes by part: {parts}{lpips}"
+    equal = any(row["psnr"] is None and not row["exact"] for row in rows)
+    infinite = "\nPSNR is infinite if some pictures, but not all, equal their references" if equal else ""
+    return f"bytes by part: {parts}{lpips}{infinite}"

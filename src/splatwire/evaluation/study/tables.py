@@ -128,7 +128,7 @@ def _best(shown: Sequence[Summary]) -> int | None:
 def _figure(summary: Summary, metric: str) -> str:
     if metric not in summary.figures:
         return ""
-    return number(summary.figures[metric], METRICS[metric].digits) or ("= reference" if summary.exact else "not finite")
+    return number(summary.figures[metric], METRICS[metric].digits) or ("= reference" if summary.exact else "infinite")
 
 
 def number(estimate: Estimate | None, digits: int) -> str:
