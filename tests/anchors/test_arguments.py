@@ -201,6 +201,14 @@ FAILS = {
         f"module({name!r}).{call}": message
         for name, call, message in (
             ("rate_control", "encode_controlled('x', None, print)", r"scene: expected SplatScene .*, not str"),
+            ("render.pruning", "prune('scene.ply', 0.3)", r"expected a scene \(`open_scene` reads one"),
+            ("render.pruning", "prune(scene, '30%')", r"share: expected a number, not '30%'"),
+            (
+                "evaluation.rate_distortion",
+                "bd_rate([(9, 30.0)], [(8, 31.0)])",
+                r"reference: .* RatePoint, not list of t",
+            ),
+            ("evaluation.rate_distortion", "bd_quality(None, [])", r"reference: .* RatePoint, not None"),
             ("rate_control", "parse_size(None)", r"text: expected text, not None"),
             ("finetuning.tune", "fine_tune(None, None)", r"scene: expected SplatScene .*, not None"),
             ("anchors.scene_file", "load_scene(None)", r"path: expected the path of a file or folder, not None"),

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError
 
 MIN_POINTS = 2
@@ -33,6 +34,7 @@ class RatePoint:
             raise InvalidValueError(f"a point needs a positive number of bytes and a finite quality, not {given}")
 
 
+@checked
 def bd_rate(reference: Sequence[RatePoint], other: Sequence[RatePoint]) -> float | None:
     """Computes the mean relative difference of bytes at equal quality (BD-rate).
 
@@ -48,6 +50,7 @@ def bd_rate(reference: Sequence[RatePoint], other: Sequence[RatePoint]) -> float
     return None if difference is None else math.expm1(difference)
 
 
+@checked
 def bd_quality(reference: Sequence[RatePoint], other: Sequence[RatePoint]) -> float | None:
     """Computes the mean difference of quality at equal bytes (BD-PSNR, if the quality is PSNR).
 

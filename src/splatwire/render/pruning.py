@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float64
 
-from splatwire.anchors.appearance import origin_of, spawned_gaussians
+from splatwire.anchors.appearance import as_scene, origin_of, spawned_gaussians
+from splatwire.arguments import checked
 from splatwire.errors import InvalidValueError
 from splatwire.ops.twister import Twister
 from splatwire.render.cpu import each_gradient_cpu
@@ -47,6 +48,7 @@ class PrunedScene:
     psnr: float
 
 
+@checked
 def prune(
     scene: Scene, share: float, cameras: Cameras | None = None, *, progress: Callable[[float], None] | None = None
 ) -> PrunedScene:
@@ -59,8 +61,9 @@ def prune(
         progress: Called with the finished fraction of the work, 0 to 1.
 
     Raises:
-        InvalidValueError: If the share is out of range, or leaves nothing.
+        InvalidValueError: If an argument has another type, or the share is out of range or leaves nothing.
     """
+    scene = as_scene(scene)
     if not 0 < share <= 1 or round(share * scene.num_elements) < 1:
         raise InvalidValueError(f"a share of {share:g} of {scene.num_elements:,} {scene.ELEMENTS} cannot be kept")
     seen_from = surrounding_cameras(scene) if cameras is None else cameras
