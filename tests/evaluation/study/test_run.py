@@ -174,6 +174,15 @@ def test_repeatedly_killed_worker_ends_the_run(tmp_path, done, monkeypatch):
     assert lost == [True] * 3
 
 
+def test_workers_import_no_module_from_the_current_folder(tmp_path, done, monkeypatch):
+    unit = done[1].cells[-1].unit
+    unit = dataclasses.replace(unit, stream=dataclasses.replace(unit.stream, path="inputs/absent.swz"))
+    (tmp_path / "pickle.py").write_text("raise SystemExit('the module of the folder was imported')\n")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SplatwireError, match=r"absent\.swz"):  # a worker that cannot start would be "died 3 times"
+        LocalEngine(1).run(Store(tmp_path), [unit], lambda event: None)
+
+
 def test_a_unit_that_fails_ends_the_run_with_its_name(tmp_path, done):
     unit = done[1].cells[-1].unit
     unit = dataclasses.replace(unit, stream=dataclasses.replace(unit.stream, path="inputs/absent.swz"))

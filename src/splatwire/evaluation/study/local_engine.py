@@ -2,6 +2,7 @@
 
 import contextlib
 import multiprocessing
+import os
 import signal
 from collections import deque
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,8 @@ from splatwire.evaluation.study.units import Unit
 from splatwire.evaluation.study.work import run_unit, use_one_thread
 
 _GRACE_S = 5.0
+_SAFE_PATH = "PYTHONSAFEPATH"
+"""Environment variable with which Python does not import from the current folder."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,8 @@ class _Worker:
         context = multiprocessing.get_context("spawn")  # a fork would inherit the threads of numba and torch
         ours, theirs = context.Pipe()
         process = context.Process(target=_work_loop, args=(theirs, root), daemon=True)
-        with _interrupts_blocked():  # a terminal sends Ctrl-C to all processes; the parent process ends this one
+        # a terminal sends Ctrl-C to all processes; the parent process ends this one
+        with _folder_not_imported(), _interrupts_blocked():
             process.start()
         theirs.close()
         return _Worker(process, ours)
@@ -103,6 +107,23 @@ class _Worker:
             self.process.kill()
             self.process.join(_GRACE_S)
         self.pipe.close()
+
+
+@contextlib.contextmanager
+def _folder_not_imported() -> Iterator[None]:
+    """Context in which new processes import no module of the current folder, such as a `random.py`, while they start.
+
+    Later, they import from the same folders as this process.
+    """
+    before = os.environ.get(_SAFE_PATH)
+    os.environ[_SAFE_PATH] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ[_SAFE_PATH]
+        else:
+            os.environ[_SAFE_PATH] = before
 
 
 @contextlib.contextmanager
