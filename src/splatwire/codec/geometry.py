@@ -46,7 +46,7 @@ def encode_positions(voxels: np.ndarray) -> bytes:
         The encoded bytes.
 
     Raises:
-        ValueError: If the points span more than 2**21 voxels along an axis, from `corner_of` on.
+        ValueError: If the points span more than 2**21 voxels along an axis (measured from `corner_of`).
     """
     corner = corner_of(voxels)
     codes = np.sort(morton_encode(voxels - corner))

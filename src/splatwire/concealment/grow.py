@@ -113,9 +113,9 @@ class Grow:
         Args:
             received_shares: Received share of each element's neighbours, 0 to 1.
             fully_received: Mask of received elements of the whole scene.
-            weights: Weight of each of the scene's N elements when the received share of the whole scene is computed.
-                This share determines the lower bound. A weight is the typical size of the elements in an importance
-                tier. None for equal weights.
+            weights: Weights of the scene's N elements, such as the typical size in each element's importance tier. The
+                lower bound follows from the received share of the whole scene, which is a weighted mean. None for equal
+                weights.
 
         Returns:
             `received_shares` with a lower bound.

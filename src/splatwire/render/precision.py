@@ -87,7 +87,9 @@ that of colour: 3, or 12 with spherical harmonics."""
 
 
 def scene_class_offsets(scene: Scene, cameras: Cameras | None = None, *, recompute: bool = False) -> np.ndarray | None:
-    """Returns the class offset of each Gaussian (`measure_class_offsets`), unless the scene has quantisation steps.
+    """Measures the precision class that each Gaussian needs, relative to the finest class (`measure_class_offsets`).
+
+    A scene that was decoded already has quantisation steps, and is not measured.
 
     Args:
         scene: The scene.

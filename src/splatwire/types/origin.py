@@ -55,8 +55,9 @@ def choose_origin(means: np.ndarray, *, low_thresholds: bool) -> Origin:
 
     Args:
         means: World coordinates, float (N, 3); rows that are not finite are ignored.
-        low_thresholds: True to choose an origin already at a distance of more than 8 spreads and 16 units from 0, and
-            for any scene that float32 would round visibly. False for more than 256 spreads and 1000 units.
+        low_thresholds: False to choose an origin only for scenes that are more than 256 times their extent and 1000
+            units away from 0. True for more than 8 times and 16 units, and also for all scenes that float32 would round
+            visibly.
 
     Returns:
         The origin; `NO_ORIGIN` if none is needed.

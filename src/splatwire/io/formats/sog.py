@@ -469,7 +469,7 @@ class _Sog:
         return numbers
 
     def _codebook(self, section: str) -> np.ndarray:
-        """Returns the value of each index, float32 (256); NaN where the code book of the file ends before."""
+        """Returns the value of each index, float32 (256). Indices for which the file has no value get NaN."""
         stated = self._field(section, "codebook")
         count = len(stated) if isinstance(stated, list) and 0 < len(stated) < CODES else CODES
         codebook = np.full(CODES, np.nan, np.float32)

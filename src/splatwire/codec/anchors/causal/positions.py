@@ -71,7 +71,7 @@ def encode_coarse_positions(voxels: np.ndarray, max_leaf: int) -> CoarsePosition
         max_leaf: Maximum number of anchors in a leaf of the tree that codes the high bits, 1 to 64.
 
     Raises:
-        ValueError: If the points span more than 2**21 voxels along an axis, from `corner_of` on.
+        ValueError: If the points span more than 2**21 voxels along an axis (measured from `corner_of`).
     """
     # With larger leaves, more bits are in packets.
     corner = corner_of(voxels)
