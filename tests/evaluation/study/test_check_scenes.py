@@ -17,6 +17,7 @@ from splatwire.errors import SplatwireError
 from splatwire.evaluation.study import InProcess, SceneEntry, Store, Study, measure_study_sizes, run_study
 from splatwire.evaluation.study.definition import Decoded, Loss, Row
 from splatwire.evaluation.study.inputs import check_scenes
+from splatwire.evaluation.study.sizes import size_tables
 from splatwire.io import save_scene
 from splatwire.io.formats import write_splats
 from splatwire.sequence import encode_sequence
@@ -160,6 +161,15 @@ def test_sizes_of_a_row_whose_sections_cannot_be_kept_are_left_out_with_a_warnin
     rows = (COMPLETE, Row("more", "more", PRESETS["paper"], sections=("more",)))
     measure_study_sizes(dataclasses.replace(study, scenes=(entry,), rows=rows), Store(tmp_path / "store"), silent)
     assert "row 'more' is left out" in caplog.text
+
+
+def test_sizes_of_explicit_gaussians_are_not_those_of_anchors(study, tmp_path):
+    save_scene(ball_of_gaussians(), tmp_path / "ball.ply")
+    entry = dataclasses.replace(study.scenes[0], source=tmp_path / "ball.ply", kind="scene")
+    rows = (Row("paper", "paper", PRESETS["paper"]),)
+    study = dataclasses.replace(study, scenes=(entry,), rows=rows, kind="sizes")
+    sizes = measure_study_sizes(study, Store(tmp_path / "store"), silent)
+    assert size_tables(study, sizes)[0].title == "made up: bytes of 200 Gaussians"
 
 
 def test_a_row_whose_sections_cannot_be_kept_is_skipped_with_a_reason(study, tmp_path):

@@ -47,9 +47,10 @@ class SceneSizes:
 
     Attributes:
         scene: Name of the scene.
-        num_anchors: Number of anchors, equal for all encodings.
+        num_anchors: Number of elements, equal for all encodings.
         columns: Bytes of each category, for the official files (if present) and for every packetization.
         attribute_files: Bytes of features, scalings and offsets in each encoding.
+        elements: Name of the elements, such as `anchors`.
     """
 
     # `attribute_files` is compared with published sizes. For this package, it counts whole packets, with headers and
@@ -59,6 +60,7 @@ class SceneSizes:
     num_anchors: int
     columns: Mapping[str, Mapping[str, int]]
     attribute_files: Mapping[str, int]
+    elements: str = AnchorScene.ELEMENTS
 
     def growth(self, column: str, categories: Sequence[str] | None = None) -> float | None:
         """Returns by how many percent an encoding of the scene is larger than the official HAC++ files.
@@ -137,7 +139,8 @@ def measure_study_sizes(study: Study, store: Store, progress: Callable[[str, flo
                     continue
                 columns[row.label] = our_parts(streams[row.variant])
                 files[row.label] = sum(streams[row.variant].parts[part] for part in _PACKET_FILES)
-            scene_sizes.append(SceneSizes(entry.name, next(iter(streams.values())).num_anchors, columns, files))
+            first = next(iter(streams.values()))
+            scene_sizes.append(SceneSizes(entry.name, first.num_anchors, columns, files, first.elements))
         return scene_sizes
 
 
@@ -200,7 +203,7 @@ def size_tables(study: Study, scene_sizes: Sequence[SceneSizes]) -> list[Table]:
 def _scene_table(study: Study, sizes: SceneSizes) -> Table:
     names = list(sizes.columns)
     absent = [row.label for row in study.rows if row.label not in names]
-    title = f"{sizes.scene}: bytes of {sizes.num_anchors:,} anchors"
+    title = f"{sizes.scene}: bytes of {sizes.num_anchors:,} {sizes.elements}"
     rows = [(part, *(f"{sizes.columns[name][part]:,}" for name in names)) for part in _ORDER[:-1]]
     weightless = {name: sum(sizes.columns[name][part] for part in _ORDER[:-1]) for name in names}
     total = {name: weightless[name] + sizes.columns[name][_NETWORKS] for name in names}
