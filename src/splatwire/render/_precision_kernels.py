@@ -29,8 +29,8 @@ def add_squared(
 ):
     """Adds the squared gradient with respect to each attribute of each Gaussian to `sums`.
 
-    For scales and opacities, this is the gradient with respect to their natural logarithm. Positions and directions
-    have the mean over their axes, colours the sum over their channels.
+    For scales and opacities, this is the gradient with respect to their natural logarithm. For positions and
+    directions, the mean over the axes is added; for colours, the sum over the channels.
 
     Args:
         d_means: Gradients with respect to the centres.

@@ -339,7 +339,9 @@ def prepare_streams(study: Study, source: Source, store: Store, progress: Progre
 
 
 def _warn_of_another_scene(source: Source, load_scene: Callable[[], Scene], digest: str, store: Store) -> None:
-    """Logs a warning if position or size suggests another scene, or only one of the two is drawn antialiased.
+    """Logs a warning if a scene does not fit its reference.
+
+    The reasons are another position or size, and antialiasing of only one of the two.
 
     The result of the comparison is stored. Empty scenes are not compared.
 
