@@ -46,6 +46,23 @@ test("the limit of memory counts all arrays of a track", () => {
   assert.equal(TRACK_BYTES, bytes / tracks.length);
 });
 
+test("only the sequence keeps the bytes of motion packets, so that they are released with their group", () => {
+  const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
+    { decoder } = new DecodedStream(head),
+    { sequence } = decoder.elementDecoder;
+  let numMotion = 0;
+  for (const bytes of packets) {
+    const { packet } = decoder.addPacket(bytes)!;
+    if (decoder.intake.plan.isKeyframe(packet!.block)) continue;
+    numMotion++;
+    assert.deepEqual([packet!.bytes.length, packet!.payload.length], [0, 0]);
+  }
+  assert.ok(numMotion);
+  assert.equal(sequence!.packets.length, numMotion);
+  decoder.intake.forget(sequence!.forgetMotion(sequence!.timeline.groupFrames));
+  assert.ok(sequence!.packets.length < numMotion);
+});
+
 test("a group of frames is whole once all its packets have arrived", () => {
   const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
     received = new DecodedStream(head),

@@ -1,5 +1,8 @@
 """Packet of a stream: the unit of loss, decodable without any other packet.
 
+Only a motion packet also needs the keyframe Gaussians of its tracks, and with separated packaging a feature group needs
+those before it.
+
 A packet is a 16-byte header and a payload. The header does not contain the size of the packet: it is the size of the
 file or datagram that contains the packet.
 

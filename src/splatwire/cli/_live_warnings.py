@@ -1,4 +1,7 @@
-"""Warnings during live encoding: limited in number, and printed without blocking the encoder."""
+"""Warnings about single frames during live encoding: limited in number, and printed without blocking the encoder.
+
+Other log messages, such as those of the readers and the encoder, go to `InputWarnings`: each is printed once.
+"""
 
 import logging
 import select
@@ -12,7 +15,7 @@ WARN_S = 5.0
 MAX_WARNING = 1000
 """Maximum length of a warning, characters."""
 LOGGERS = ("splatwire.types.validity", "splatwire.codec.gaussians.outliers")
-"""Loggers that may emit warnings for every frame."""
+"""Loggers whose warnings are about single frames and may come with every frame."""
 
 
 class Warnings:
@@ -73,7 +76,7 @@ class _Forward(logging.Filter):
 
 @contextmanager
 def rate_limited_warnings(warn: Callable[[str], None]) -> Iterator[None]:
-    """Context in which log messages about single frames are passed to `warn` instead of the log handlers.
+    """Context in which the log messages of `LOGGERS` are passed to `warn` instead of the log handlers.
 
     Args:
         warn: Function that gets the text of each warning or error, and limits how many are printed (`Warnings`).

@@ -79,7 +79,7 @@ def run(command: Train) -> None:
     with training_display(preview_writer(command.preview)) as listener:
         result = train_scene(train, test, config, state=state, options=options, listener=listener, device=device)
     if result.stopped:
-        raise stopped_early(result.state.iteration, config.milestones.iterations)
+        raise stopped_early(result.state.iteration, config.milestones.iterations, has_init=command.init is not None)
     save_scene(result.scene, output)
     _report(command, result, config)
 
@@ -100,7 +100,7 @@ def _initial_training(command: Train, device_name: str) -> tuple[TrainState, Tra
     num_fine_tuning = config.milestones.fine_tuning_iterations
     more = f" and {num_fine_tuning:,} more for losses" if num_fine_tuning else ""
     iterations = f"{config.milestones.main_iterations:,} iterations{more}"
-    summary = f"recipe {config.preset}{chosen}, {iterations} on the {device_name}"
+    summary = f"preset {config.preset}{chosen}, {iterations} on the {device_name}"
     print(summary, file=sys.stderr)
     if start is not None:
         train = dataclasses.replace(train, points=points_of(start))
@@ -135,7 +135,7 @@ def _continued_training(
     config = dataclasses.replace(config, background=chosen_background(command.background) or scene.background)
     train, test = _datasets(command, config)
     print(
-        f"continuing {command.init} for {iterations:,} iterations with recipe {config.preset}{details}", file=sys.stderr
+        f"continuing {command.init} for {iterations:,} iterations with preset {config.preset}{details}", file=sys.stderr
     )
     return state_of_scene(scene, train, config), config, train, test
 

@@ -102,7 +102,7 @@ def run_gaussians(command: Train, device: str, device_name: str) -> None:
                 train, test, config, state=state, options=options, listener=listener, device=device
             )
         if result.stopped:
-            raise stopped_early(result.state.iteration, config.iterations)
+            raise stopped_early(result.state.iteration, config.iterations, has_init=command.init is not None)
         num_bytes = _write(result.scene, train, output)
         served.finish(result.scene)
     _report(command, result, config, num_bytes)
@@ -148,7 +148,7 @@ def _initial_training(
         train = dataclasses.replace(train, points=points_of(start))
     chosen = " (chosen by the data)" if command.preset == "auto" else ""
     print(
-        f"recipe {config.preset}{chosen}, {config.gaussians:,} Gaussians, {config.iterations:,} iterations and "
+        f"preset {config.preset}{chosen}, {config.gaussians:,} Gaussians, {config.iterations:,} iterations and "
         f"{config.fine_tuning_iterations:,} more with the rounding of the codec, on the {device_name}",
         file=sys.stderr,
     )

@@ -101,10 +101,17 @@ def preview_writer(path: str | None) -> Callable[[QualityReport], None]:
     return save
 
 
-def stopped_early(iteration: int, iterations: int) -> KeyboardInterrupt:
-    """Prints how to continue a training that the user stopped, and returns the exception that ends the command."""
+def stopped_early(iteration: int, iterations: int, *, has_init: bool) -> KeyboardInterrupt:
+    """Prints how to continue a training that the user stopped, and returns the exception that ends the command.
+
+    Args:
+        iteration: Last iteration.
+        iterations: Number of iterations of the whole training.
+        has_init: True if the command had the option `--init`, which `--resume` then replaces.
+    """
+    resume = "--resume in place of --init" if has_init else "--resume"
     print(
-        f"stopped after iteration {iteration:,} of {iterations:,}; the same command with --resume continues from there",
+        f"stopped after iteration {iteration:,} of {iterations:,}; the same command with {resume} continues from there",
         file=sys.stderr,
     )
     return KeyboardInterrupt()

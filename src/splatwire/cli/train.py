@@ -19,7 +19,7 @@ class Train:
     """Scene file to write; checkpoints are written to the same name with .checkpoint added. With --model gaussians: a
     PLY or another file of explicit Gaussians, or a stream (.swz)."""
     preset: str = "auto"
-    """Recipe: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf; auto chooses by the layout of
+    """Preset: mipnerf360, tanks_and_temples, deep_blending, bungeenerf or synthetic_nerf; auto chooses by the layout of
     the data."""
     model: str | None = None
     """causal (anchors, format 2), hacpp (anchors, format 1: larger streams, as used by the paper's interpolation and

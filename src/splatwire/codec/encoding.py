@@ -45,6 +45,8 @@ def encode_scene(
 ) -> SceneStream:
     """Encodes a scene into independently decodable packets.
 
+    Only with separated packaging (preset `hacpp`), a feature group also needs those before it.
+
     This follows Section 3.2 of the paper that this project implements (docs/paper-map.md). Elements that draw nothing
     or cannot be drawn are skipped.
 

@@ -276,7 +276,7 @@ def _checked_path(path: str | os.PathLike[str], split: str, max_width: int | Non
 def dataset_layout(path: Path) -> str | None:
     """Returns the layout of a dataset folder, one of `LAYOUTS`; None for a folder without any of these layouts.
 
-    A BungeeNeRF dataset with a COLMAP reconstruction is `bungeenerf`, because this layout determines recipe and test
+    A BungeeNeRF dataset with a COLMAP reconstruction is `bungeenerf`, because this layout determines preset and test
     views. `open_dataset` reads the poses of the reconstruction.
 
     Args:

@@ -163,6 +163,8 @@ class Undistortion:
 def undistortion_of(lens: LensModel, K: np.ndarray, width: int, height: int) -> Undistortion:
     """Finds the pinhole camera with the largest field of view whose whole image can be filled from the photo.
 
+    Its zoom is at least `lens.least_zoom`.
+
     Args:
         lens: The lens.
         K: (3, 3) intrinsics of the photo, pixels.

@@ -82,7 +82,7 @@ class SequenceEncoder:
         self._warned_kinds: set[str] = set()
         self._sections: dict[str, bytes] = {}
         self._num_frames = self._first_frame_number = 0
-        self._is_origin_open = True  # until a frame is visible
+        self._is_origin_open = True  # until a frame is visible; in a live sequence, at most until the first group ends
         self._view: tuple[SceneMetadata, Origin] = NO_METADATA, NO_ORIGIN  # initial view, and the origin of its points
         self._extent: BoundingSphere | None = None
         self._known_class_offsets: tuple[np.ndarray, np.ndarray] | None = None

@@ -330,7 +330,7 @@ class DropPolicy:
     """
 
     MAX_QUEUE_S = 1.0
-    """Duration of the queued frames above which frames may be dropped, seconds."""
+    """Duration of the queued frames above which frames may be dropped, seconds; at least that of two groups."""
     WINDOW_S = 2.0
     """Time that the queue must stay longer than the limit, seconds."""
     MIN_DRAIN_RATE = 0.25

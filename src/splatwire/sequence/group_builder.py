@@ -133,8 +133,8 @@ class GroupBuilder:
 
         Every track has attributes in every frame. In frames before its first frame, a track has the attributes of its
         first frame. In frames after its last frame, it has the attributes of its last frame. Positions are an
-        exception: if most tracks of the group move like their neighbours, the positions in these frames follow the
-        motion of the neighbours.
+        exception: if most tracks of the group move like their neighbours, the positions of those that do follow the
+        motion of the neighbours in these frames.
         """
         count, number = len(self._keys), len(self.frames)
         values = {name: values[:count, :number] for name, values in self._values.items()}

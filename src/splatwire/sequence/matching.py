@@ -39,7 +39,8 @@ class Match:
 
     Attributes:
         partner: For each Gaussian, index of its match in the previous frame, int64 (M); -1 for new Gaussians.
-        velocity: Motion since the previous frame, float64 (M, 3); predicted for new Gaussians.
+        velocity: Motion since the previous frame, float64 (M, 3); predicted for new Gaussians. 0 for all if either
+            frame is empty or all matches were rejected.
     """
 
     partner: np.ndarray

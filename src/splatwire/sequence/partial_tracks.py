@@ -182,8 +182,8 @@ def extrapolate_partial_tracks(
 ) -> bool:
     """Extrapolates the positions of tracks that begin or end within a group of pictures to all frames of the group.
 
-    A track (one Gaussian over time) is moved like its neighbours. If neighbours in a sample do not move alike, nothing
-    is changed.
+    A track (one Gaussian over time) that moves like its neighbours while it exists is moved like them before and after.
+    Other tracks, and all if neighbours in a sample do not move alike, are not changed.
 
     Args:
         means: Positions of all tracks in the F frames of the group, float32 (n, F, 3); modified in place.
@@ -226,7 +226,7 @@ def extrapolate_partial_tracks(
 def _extrapolate(means: np.ndarray, begins: np.ndarray, ends: np.ndarray, neighbors: NeighborSet) -> None:
     """Fills in the positions of tracks in the frames before they begin and after they end.
 
-    In these frames, a track moves like its neighbours.
+    In these frames, a track moves like its neighbours, if it does so while it exists. Other tracks are not changed.
 
     Args:
         means: Positions of all tracks, float32 (n, F, 3); modified in place.

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.progress import Progress as Bars
 
 from splatwire.cli._run_train import DEFAULT_ITERATIONS, _config, check_device
-from splatwire.cli._training import columns, line, time_left
+from splatwire.cli._training import columns, line, stopped_early, time_left
 from splatwire.cli.main import main
 from splatwire.cli.train import Train
 from splatwire.data import Dataset
@@ -64,12 +64,18 @@ def _run(words: list[object]) -> int:
     return int(stopped.value.code or 0)
 
 
-def test_missing_data_selects_no_recipe(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_note_of_a_stopped_training_names_options_that_continue_it(capsys: pytest.CaptureFixture[str]) -> None:
+    for has_init, options in ((False, "--resume continues"), (True, "--resume in place of --init continues")):
+        stopped_early(10, 20, has_init=has_init)
+        assert f"the same command with {options}" in capsys.readouterr().err
+
+
+def test_missing_data_selects_no_preset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for data in (tmp_path, tmp_path / "absent"):
         assert _run(["train", data, "-o", tmp_path / "out.scene"]) == 2
         stderr = capsys.readouterr().err
         assert str(data) in stderr
-        assert "recipe mip" not in stderr
+        assert "preset mip" not in stderr
 
 
 @pytest.mark.parametrize(("option", "color"), [((), BLACK), (("--background", 1, 0.5, 0), (1.0, 0.5, 0.0))])
@@ -116,7 +122,7 @@ def test_chosen_recipe_is_printed_and_recorded(
     write_splats([_splats(*[0.5] * 40)], tmp_path / "start.ply")
     assert _run([*words, "--init", tmp_path / "start.ply"]) == 0
     captured = capsys.readouterr()
-    assert "recipe mipnerf360 (chosen by the data), 20 iterations" in captured.err
+    assert "preset mipnerf360 (chosen by the data), 20 iterations" in captured.err
     result = json.loads(captured.out)
     assert result["recipe"]["preset"] == "mipnerf360"
     assert 0 < result["num_anchors"] <= 40 + 20  # the random box has 1,000 and more

@@ -170,7 +170,8 @@ export class StreamDecoder {
   }
 
   /**
-   * Decodes a packet. Returns null, and counts it, if it is invalid or a duplicate. Throws `BitstreamError` if the
+   * Adds a packet, and decodes it unless such packets are decoded only for drawing, like those with motion. Returns
+   * null, and counts it, if it is invalid or a duplicate. Throws `BitstreamError` if the
    * decoded elements need too much memory for the received bytes.
    */
   addPacket(bytes: Uint8Array): ElementBatch | null {

@@ -10,7 +10,11 @@ import type { Decoded } from "./gaussians/packet.ts";
 import type { Tiling } from "./levels/tiling.ts";
 import type { Splats } from "./splats.ts";
 
-/** Frames of a moving scene, as far as their packets were received. */
+/**
+ * Frames of a moving scene, as far as their packets were received. Frames are counted from 0 in this stream, which is
+ * one period of a live clip. Messages, `Playable` and players count from the first frame of the clip, of which this
+ * stream begins with number `firstFrame`.
+ */
 export interface SequenceDecoder {
   /** Frames per second, number of frames, and frames per group of pictures. */
   readonly timeline: { readonly rate: number; readonly numFrames: number; readonly groupFrames: number };
@@ -25,7 +29,7 @@ export interface SequenceDecoder {
   prefetch(number: number, ms: number): void;
   /** Received motion packets with payloads still in memory. */
   readonly packets: readonly Packet[];
-  /** Number of the first frame; not 0 if the clip continues an earlier one. */
+  /** Number in the whole clip of this stream's first frame; not 0 if it continues an earlier stream. */
   readonly firstFrame: number;
   /** End of the playable frames. A group is playable once it is complete or the head announces a later one. */
   readonly playableEnd: number;

@@ -4,6 +4,7 @@ import { crc32 } from "./crc32.ts";
 
 export const HEADER_BYTES = 16;
 const VERSION = 1;
+const NOTHING = new Uint8Array();
 
 export interface Packet {
   readonly block: number;
@@ -12,6 +13,11 @@ export interface Packet {
   readonly count: number;
   readonly bytes: Uint8Array;
   readonly payload: Uint8Array;
+}
+
+/** Returns a packet without its bytes, which are then no longer kept in memory. */
+export function withoutBytes(packet: Packet): Packet {
+  return { ...packet, bytes: NOTHING, payload: NOTHING };
 }
 
 /** Upper bound of indices in a block, which a header stores in 14 bits. */

@@ -2,10 +2,8 @@
 
 import { BitstreamError } from "../bytes.ts";
 import type { Manifest } from "./manifest.ts";
-import { type Packet, readPacket } from "./packet.ts";
+import { type Packet, readPacket, withoutBytes } from "./packet.ts";
 import { splitmix, splitmixModulo } from "./splitmix64.ts";
-
-const NOTHING = new Uint8Array();
 
 interface Span {
   readonly first: number;
@@ -182,7 +180,7 @@ export class Intake {
   forget(blocks: Iterable<number>): void {
     for (const block of blocks)
       for (const [n, packet] of (this.blocks.get(block) ?? []).entries())
-        this.blocks.get(block)![n] = { ...packet, payload: NOTHING, bytes: NOTHING };
+        this.blocks.get(block)![n] = withoutBytes(packet);
   }
 
   get complete(): boolean {

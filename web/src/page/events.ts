@@ -23,7 +23,7 @@ export interface Status {
   transport: string;
   /** @deprecated Former name of `transport`. */
   way: string;
-  /** Decoding time in the worker, milliseconds. */
+  /** Time for which the worker decoded packets as they arrived, milliseconds. Motion is decoded later, for drawing. */
   decodeMs: number;
   /** Times until the preview, the first Gaussians and half of them were on the screen. */
   times: Record<string, number>;

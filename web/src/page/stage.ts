@@ -492,7 +492,7 @@ export class Stage implements ContextOwner {
     this.#startWebGL();
   }
 
-  /** Resolves when the added Gaussians are on the screen. */
+  /** Resolves when the added Gaussians are on the screen; with WebGL, after five seconds in any case. */
   shown(): Promise<void> {
     if (this.renderer) return this.renderer.sorted();
     this.invalidate();

@@ -513,7 +513,10 @@ export class WebGLRenderer {
     if (!this.#destroyed) await new Promise<void>((resolve) => this.#frameWaiters.push(resolve));
   }
 
-  /** Resolves in the task of the next frame with sorted depths that shows everything added. */
+  /**
+   * Resolves in the task of the next frame with sorted depths that shows everything added, at the latest after
+   * `SORT_MS`.
+   */
   sorted(): Promise<void> {
     if (!this.#uploading) this.touch();
     return new Promise((resolve) => {

@@ -79,7 +79,7 @@ export class DecodedStream {
     return this.#copies !== null;
   }
 
-  /** Decodes one packet. */
+  /** Adds one packet, and decodes it unless such packets are decoded only for drawing. */
   addPacket(bytes: Uint8Array): void {
     const batch = this.decoder.addPacket(bytes);
     if (batch) this.#push(batch);

@@ -14,7 +14,7 @@ export type ToWorker =
   | { kind: "conceal"; simulation: LossSimulation; requestId: number }
   /** `budget` is the maximum number of drawn Gaussians of a scene with levels. */
   | { kind: "view"; camera: Camera; budget: number; requestId: number }
-  /** Requests a frame of a clip. Answered by `frame`. */
+  /** Requests a frame of a clip, counted from the clip's first frame. Answered by `frame`. */
   | { kind: "frame"; number: number; simulation: LossSimulation }
   | { kind: "digest" }
   /** Requests updates of the scene at the location of its file, once it is complete; ends that if `file` is empty. */
@@ -93,7 +93,10 @@ export type FromWorker =
    * Live clips have none.
    */
   | { kind: "framing"; packed: Packed }
-  /** Playable frames of a live clip. `late` is the number of packets that arrived after their group was shown. */
+  /**
+   * Playable frames of a live clip, counted from its first frame. `late` is the number of packets that arrived after
+   * their group was shown.
+   */
   | { kind: "playable"; begin: number; end: number; late: number }
   /** `droppedGroups` is the number of groups of a live clip's current period that a device too slow for it dropped. */
   | { kind: "counts"; counts: Counts; decodeMs: number; corrupt: number; droppedGroups: number }

@@ -80,7 +80,7 @@ export class Transfer {
   numInitSegments = 0;
   /** Last welcome message of the reliable stream. */
   #welcomeOnStream: Welcome | null = null;
-  /** True after a later welcome message with another init segment. */
+  /** True after a later welcome message that differs: with another init segment, or the final one. */
   #isGrown = false;
   /** Number of later welcome messages since the last head. */
   #numWelcomesSinceHead = 0;
@@ -220,9 +220,10 @@ export class Transfer {
   }
 
   /**
-   * Returns true for a symbol of an init segment before the current one: a later welcome message may arrive as a
-   * datagram before the stream delivers what precedes it. Datagrams have copies of symbols of the first init segment
-   * only, so all of them are earlier ones once a second init segment is announced.
+   * Returns true for a symbol of an init segment before the current one. Datagrams have copies of symbols of the first
+   * init segment only, so all of them are earlier ones once a second init segment is announced. A server may also copy
+   * later welcome messages (those of this release do not): they may arrive before the stream delivers what precedes
+   * them.
    */
   #isOfEarlierSegment(isDatagram: boolean): boolean {
     if (isDatagram) return this.#isGrown;

@@ -54,7 +54,10 @@ const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
  * every one that failed within the last minutes.
  */
 const MAX_FAILED_HANDSHAKES = 2;
-/** `SESSION_TIMEOUT_MS` for a stream without another source: Chromium may delay handshakes, milliseconds. */
+/**
+ * `SESSION_TIMEOUT_MS` for further sessions of a stream without another source, milliseconds: Chromium may delay their
+ * handshakes.
+ */
 const ONLY_SOURCE_TIMEOUT_MS = 20_000;
 
 /**
@@ -228,7 +231,7 @@ class FeedbackScheduler {
   }
 }
 
-/** Delivers new data to the listener: the preview once, each head once, packets as they arrive. */
+/** Delivers new data to the listener: the preview once, the newest head if there is a new one, and new packets. */
 class Delivery {
   #preview = false;
   #heads = 0;

@@ -56,7 +56,7 @@ export interface Welcome {
   readonly digest: Uint8Array;
   readonly symbolBytes: number;
   readonly packets: number;
-  /** Size of the largest packet, bytes. */
+  /** Size of the largest packet, bytes; for a live stream, the largest size that a packet may have. */
   readonly maxPacketBytes: number;
   /** Number of packets bundled with the init segment. */
   readonly bundled: number;

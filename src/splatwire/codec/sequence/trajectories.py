@@ -185,7 +185,8 @@ class MotionEvaluator:
 
         Returns:
             Function whose argument is the index of a frame in the group. It returns the changes of the tracks relative
-            to their keyframe Gaussians, float32 (n, channels).
+            to their keyframe Gaussians, float32 (n, channels): position (world units), rotation (vector along the axis
+            of length 4 tan(angle / 4)), natural logarithms of the scales and of opacity, RGB.
         """
         counts = [len(packet.coefficients) for packet in self.packets]
         widths = np.array([packet.coefficients.shape[2] for packet in self.packets], np.int64)

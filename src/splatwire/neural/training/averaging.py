@@ -18,7 +18,7 @@ def averaging_start(config: TrainConfig, iteration: int = 0) -> int:
         iteration: Any iteration of the phase.
     """
     # Parameters are averaged over the last iterations before the fine-tuning, and again over the last iterations of
-    # the fine-tuning. Iterations in which anchors are added and removed are excluded.
+    # the fine-tuning. Iterations before the end of the growth are excluded.
     milestones = config.milestones
     if milestones.is_fine_tuning(iteration):
         return max(milestones.iterations - 2 * config.averaging_iterations, milestones.main_iterations)

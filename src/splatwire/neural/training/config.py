@@ -36,7 +36,7 @@ class LearningRate:
     Attributes:
         initial: Learning rate in the first iteration.
         final: Learning rate after the last iteration.
-        late: Factor on the learning rate after the last change of the set of anchors (`Milestones.growth_end`).
+        late: Factor on the learning rate after `Milestones.growth_end`.
     """
 
     initial: float
@@ -89,7 +89,8 @@ class Milestones:
             are trained from here on (causal model), or predicted by the context model (HAC++).
         statistics_start: Start of gathering gradients and opacities, which decide where anchors are added and removed.
         growth_start: Start of adding and removing anchors.
-        growth_end: End of adding and removing anchors.
+        growth_end: End of adding and removing anchors. Later, only anchors without offsets are removed: with packet
+            loss, and at the start of the fine-tuning.
         growth_interval: Number of iterations between two changes of the set of anchors.
         fine_tuning_iterations: Number of fine-tuning iterations at the end, on the finished scene
             (`neural.training.fine_tuning_phase`).
@@ -245,7 +246,7 @@ class PacketLossConfig:
         lossy_share: Share of the iterations with packet loss, after the start of its simulation.
     """
 
-    # Packet loss is simulated once the set of anchors is fixed; with fine-tuning and without `received_shares`, only in
+    # Packet loss is simulated after `Milestones.growth_end`; with fine-tuning and without `received_shares`, only in
     # the fine-tuning.
 
     models: tuple[str, ...] = ()

@@ -14,7 +14,7 @@ from splatwire.types import Cameras, Gaussians
 _KEY_BITS = 21
 """Number of bits of a signed voxel index; three indices fit one 64-bit key."""
 _MAX_TRANSPARENT_SHARE = 0.99
-"""Share of transparent anchors above which no anchor is removed.
+"""Share of transparent anchors among the examined ones above which no anchor is removed.
 
 With a black background, most random initial points become transparent before the scene takes shape. If transparent
 anchors were then removed, arbitrary anchors would remain (lego, 3,120 iterations: no anchors)."""
@@ -78,8 +78,8 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
         The numbers of added and of removed anchors.
 
     Raises:
-        DivergedError: If nearly all anchors are transparent after the first half of the growth phase and when anchors
-            may be removed, because such a scene cannot recover.
+        DivergedError: If nearly all examined anchors are transparent after the first half of the iterations until
+            `Milestones.growth_end` and when anchors may be removed, because such a scene cannot recover.
     """
     statistics, rules = state.statistics, config.growth
     min_views = config.milestones.growth_interval * rules.min_views_factor

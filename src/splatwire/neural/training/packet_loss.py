@@ -91,10 +91,10 @@ class PacketLossSimulator:
     @property
     def _last_iteration_without_loss(self) -> int:
         """Last iteration before packet losses are simulated."""
-        # They are simulated in the fine-tuning only or, without fine-tuning, once the set of anchors is fixed.
-        # With `PacketLossConfig.received_shares`, they always start when the set of anchors is fixed: the order of
-        # anchors by importance still changes after the growth. Earlier packet loss reduces the quality of short
-        # trainings, measured with and without packet loss (lego, 600 iterations).
+        # They are simulated in the fine-tuning only or, without fine-tuning, after the growth. With
+        # `PacketLossConfig.received_shares`, they always start after the growth: the order of anchors by
+        # importance still changes then. Earlier packet loss reduces the quality of short trainings, measured with and
+        # without packet loss (lego, 600 iterations).
         milestones = self._config.milestones
         return (
             milestones.main_iterations
@@ -244,7 +244,7 @@ class PacketLossSimulator:
         return relative_sizes(base_sizes, gaussians, tiers, 2)[tiers]
 
     def _update_ranks(self, state: TrainState) -> None:
-        """Recomputes the coding order and nearest neighbours after anchors were added or removed."""
+        """Recomputes the coding order and nearest neighbours after anchors were added, removed or sorted."""
         if self._voxels is state.voxels:
             return
         order = anchor_order(state.voxels.cpu().numpy(), "morton")

@@ -3,11 +3,10 @@
 from collections.abc import Callable
 
 import torch
-from jaxtyping import Bool, UInt8
+from jaxtyping import UInt8
 from torch import Tensor
 
 from splatwire.data import Dataset
-from splatwire.errors import DatasetError
 from splatwire.neural.training.photometric_loss import Photo, prepare_photo
 
 PREPARED_BYTES, PREPARED_DEVICE_BYTES = 1 << 30, 4 << 30
@@ -50,9 +49,6 @@ class PhotoStore:
         ]
         masks = [dataset.mask(view) for view in range(dataset.num_views)]
         self._masks = [None if mask is None else torch.as_tensor(mask) for mask in masks]
-        blank_views = [name for name, mask in zip(dataset.cameras.names, self._masks, strict=True) if _is_blank(mask)]
-        if blank_views:
-            raise DatasetError(f"the mask of view '{blank_views[0]}' leaves nothing of its photo: remove the view")
         self._prepared: dict[int, Photo] = {}
         max_bytes = PREPARED_BYTES if device.type == "cpu" else PREPARED_DEVICE_BYTES
         self._max_prepared = max_bytes // (3 * pixels * 3 * 4)
@@ -78,7 +74,3 @@ def check_photos(dataset: Dataset) -> None:
     for view in range(dataset.num_views):
         dataset.image(view)
         dataset.mask(view)
-
-
-def _is_blank(mask: Bool[Tensor, "H W"] | None) -> bool:
-    return mask is not None and not bool(mask.any())

@@ -71,7 +71,7 @@ class Preset:
     Attributes:
         lmbda: Default lambda of the HAC++ model, the weight of the bit rate in the loss.
         voxel_size: Spacing of anchor positions in world units; 0 to derive it from the points.
-        coarsest_cell: Cell size of the coarsest grid for adding anchors (`GrowthRules.levels`), in voxels.
+        coarsest_cell: Cell size of the coarsest grid for adding anchors (`GrowthRules.coarsest_cell`), in voxels.
         mask_rate_per_lambda: Final learning rate of the masks, divided by lambda.
         mask_rate_cap: Upper limit of the final learning rate of the masks.
         first_pruning: First iteration in which anchors may be removed.
@@ -185,7 +185,7 @@ def for_length(rates: LearningRates, iterations: int) -> LearningRates:
 
 
 def _with_late_factors(rates: LearningRates, iterations: int) -> LearningRates:
-    """For a short training, raises the learning rates after the last change of the set of anchors.
+    """For a short training, raises the learning rates after the growth (`Milestones.growth_end`).
 
     The rates are multiplied by `LearningRate.late`, which this function sets for a training with the causal model.
 

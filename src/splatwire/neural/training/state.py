@@ -246,7 +246,7 @@ def group_of(name: str) -> str:
 
 
 def keep_anchors(state: TrainState, keep: Bool[Tensor, "N"] | Int64[Tensor, "M"]) -> None:
-    """Keeps only the anchors of a training state that a mask or indices select, in place."""
+    """Keeps only the anchors of a training state that a mask or indices select, in their order; in place."""
     _map_rows(state, lambda _, rows: rows[keep])
     state.voxels = state.voxels[keep]
 

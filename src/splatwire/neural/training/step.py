@@ -1,7 +1,8 @@
 """One training iteration: renders a training view, compares the picture with the photo, and updates the parameters.
 
-An iteration that adds and removes anchors does so after the backward pass. The new tensors of the anchors have no
-gradient, so they are not updated in this iteration; the networks are.
+Growth adds and removes anchors after the backward pass. The new tensors of the anchors have no gradient, so they are
+not updated in this iteration; the networks are. Packet loss and the start of the fine-tuning remove anchors before the
+picture is rendered.
 """
 
 import math

@@ -96,7 +96,8 @@ class ServedStream:
         num_bundled: Number of packets at the start of the sending order that are bundled in the init segment.
         parity_ranges: Parity of consecutive ranges of packets, in sending order.
         parity: Repair symbols of each parity group (packets that share repair symbols).
-        schedule: Datagrams in sending order.
+        schedule: Datagrams in sending order, for a client that joins now. Clients that joined a live stream earlier get
+            `added_datagrams`.
         preview: Encoded preview, which clients get first; empty without a preview.
         retransmit_share: Maximum retransmitted bytes as a share of the bytes of the complete stream; None for no limit.
         retransmit_limit: Number of packets at the start of the sending order that may be retransmitted; None for all.

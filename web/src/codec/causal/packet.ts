@@ -159,7 +159,7 @@ export class PacketDecoder {
     }
   }
 
-  /** Appends the values of a stage to the inputs of the next ones. One input unit is a quarter of a step. */
+  /** Appends the values of a stage to the inputs of the next ones. One step is an input of 0.25. */
   #appendInputs({ first, size }: Stage, values: Int32Array, count: number): void {
     for (let n = 0; n < count; n++) {
       for (let c = 0, from = n * this.width + first, to = n * this.#stride + this.info.context + first; c < size; c++) {

@@ -18,7 +18,7 @@ const MAX_TRACKS = 1 << 16,
 export interface DecodedMotion {
   /** Shape (tracks, HEADER_FIELDS). */
   readonly headers: Int32Array;
-  /** Shape (frames, tracks, channels). */
+  /** Shape (frames, tracks, channels). Channels and units are those of `offsetsOf`. */
   readonly offsets: Float32Array;
 }
 

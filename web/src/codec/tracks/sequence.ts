@@ -48,7 +48,10 @@ interface ConcealedTracks {
 /** Tracks with their offsets in one array. */
 interface TrackBatch {
   readonly count: number;
-  /** Shape (frames, tracks, channels), or of one frame for tracks that stand still. */
+  /**
+   * Shape (frames, tracks, channels), or of one frame for tracks that stand still. Channels and units are those of
+   * `offsetsOf`.
+   */
   readonly offsets: Float32Array;
 }
 

@@ -2,7 +2,7 @@
 // motion.
 
 import type { Elements } from "../../conceal/elements.ts";
-import type { Packet } from "../../packets/packet.ts";
+import { type Packet, withoutBytes } from "../../packets/packet.ts";
 import type { Plan } from "../../packets/plan.ts";
 import type { Pause } from "../../scheduler.ts";
 import { newSha256 } from "../../sha256.ts";
@@ -94,7 +94,8 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
     const decoded = this.decode(packet);
     if (decoded) return this.accept(packet, decoded);
     this.sequence.addMotion(this.plan.gopOf(packet.block), packet);
-    return new GaussianBatch(packet, emptySplats(0, this.degree), () => new Int32Array());
+    // only the sequence keeps its bytes, until it forgets the motion
+    return new GaussianBatch(withoutBytes(packet), emptySplats(0, this.degree), () => new Int32Array());
   }
 
   /** Decodes a packet of keyframe Gaussians. Motion is decoded when it is drawn, because it needs them. */

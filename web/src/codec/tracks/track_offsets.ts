@@ -2,7 +2,10 @@
 
 import type { Splats } from "../splats.ts";
 
-/** Offsets of a group's tracks from their keyframe Gaussians, shape (tracks, frames, channels). */
+/**
+ * Offsets of a group's tracks from their keyframe Gaussians, shape (tracks, frames, channels). Channels and units are
+ * those of `offsetsOf` (`trajectories.ts`), not those of coded coefficients (`layout.ts`).
+ */
 export interface TrackOffsets {
   /** Arrival index of the track of each row (see `KeyframeGaussians`). */
   readonly arrivalIndices: Int32Array;

@@ -53,8 +53,8 @@ const R2 = Math.sqrt(2),
  * Computes the offsets of a track in each frame from its coefficients from index `from`. Writes them to `out` from
  * index `to`. Its frames are `stride` numbers apart.
  *
- * Channels: position, rotation, log scales, log opacity, RGB. The rotation is a vector along the axis of length 4
- * tan(angle / 4).
+ * Channels: position (world units), rotation, natural logarithms of the scales and of opacity, RGB. The rotation is a
+ * vector along the axis of length 4 tan(angle / 4).
  */
 export function offsetsOf(
   coefficients: Float64Array,

@@ -70,7 +70,8 @@ def train_gaussians(
         train: Training views and points.
         test: Test views; None for no tests.
         config: The configuration.
-        state: State to resume from, changed in place if already on the device; None to start a new training.
+        state: State to continue from, changed in place if already on the device: a new one, or that of a checkpoint.
+            None for a new one.
         options: Options for checkpoints and tests; None for the defaults.
         listener: Callbacks for progress and stopping; None for no callbacks.
         device: Training device: `cpu`, or `cuda` with gsplat.
