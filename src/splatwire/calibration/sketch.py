@@ -40,7 +40,7 @@ class SketchResult:
         section: Encoded sketch. It becomes the section `sketch` of the stream's side information.
         num_sketched: Number of elements that have a coarse copy in the sketch.
         exponent: Exponent that controls how much a receiver enlarges received elements to cover lost neighbours.
-        trust: Share, 0 to 1, of the correction of the enlargement that the neural network predicts.
+        trust: Weight, 0 to 1, of the neural network's correction of this enlargement.
         psnr: Mean PSNR in decibels without loss (`no loss`), and after simulated packet losses with the concealers
             `drop`, `grow` and `sketch`.
         seconds: Duration in seconds.

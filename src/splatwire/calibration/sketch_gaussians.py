@@ -125,8 +125,8 @@ class GaussianSketch:
             received: The received scene.
 
         Returns:
-            The scene with copies, and the inputs of the neural network that corrects the enlargement. Pass this pair to
-            `conceal`.
+            The scene with copies, and the inputs of the neural network that predicts how much to enlarge elements
+            around the gaps. Pass this pair to `conceal`.
         """
         copies = read_copies(replace(self.info, sections={"sketch": self.section()}), self.splats.num_gaussians)
         assert copies is not None

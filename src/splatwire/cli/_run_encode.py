@@ -137,7 +137,7 @@ def _needs_rate_control(command: Encode) -> bool:
 
 
 def _allows_sketch(command: Encode) -> bool:
-    """True if a sketch is added unless --no-sketch is given or the input has levels."""
+    """True with `--preset datagram`, which adds a sketch; False with `--levels auto`, which never has one."""
     return command.preset == "datagram" and command.levels != "auto"
 
 

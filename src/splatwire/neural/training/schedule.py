@@ -52,9 +52,10 @@ def half_cosine(share: float) -> float:
 
 
 def fine_tuning_rates(rates: LearningRates) -> LearningRates:
-    """Returns learning rates for fine-tuning, taken from the second half of a training with HAC++'s default rates.
+    """Returns learning rates for fine-tuning.
 
-    The masks are an exception: their rate is taken from the second half of the training before the fine-tuning.
+    The rates are those of the second half of HAC++'s default schedule. Only the rate of the masks is that of the second
+    half of `rates`.
 
     Args:
         rates: Learning rates of the training before the fine-tuning.

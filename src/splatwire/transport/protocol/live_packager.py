@@ -81,8 +81,9 @@ class LivePackager:
         Args:
             manifest: Manifest of the stream, including the new group.
             side_info: Side information of the stream, including the new group.
-            packets: Packets of the new group in sending order; keyframe packets, then motion packets with parity are
-                moved to the front. This method writes the id of the stream into copies of the packets.
+            packets: Packets of the new group in sending order. In the result, keyframe packets come first, then the
+                motion packets that repair symbols protect, then the others. The result has copies of the packets, with
+                the id of the stream.
 
         Raises:
             InvalidValueError: If a packet is too large for a datagram, or the manifest has another packet count.
