@@ -43,6 +43,7 @@ export interface SequenceDecoder {
 }
 
 export interface DecodedFrame {
+  /** Number in this stream, as in `SequenceDecoder.frame`. */
   readonly number: number;
   readonly splats: Splats;
   /** Number of tracks with estimated motion. */

@@ -69,7 +69,7 @@ def check_photos(dataset: Dataset) -> None:
     """Reads every photo and mask once, to detect damage before the first iteration.
 
     Raises:
-        DatasetError: If a photo or mask is missing or damaged.
+        DatasetError: If a photo or mask is missing or damaged, or a mask excludes all pixels.
     """
     for view in range(dataset.num_views):
         dataset.image(view)
