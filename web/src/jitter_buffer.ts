@@ -13,7 +13,8 @@ const FAST_SURPLUS_S = 0.5,
   JUMP_SURPLUS_S = 1;
 /**
  * Number of consecutive groups at the nominal rate that end an outage, after which the clock may jump. Each jump
- * doubles it, so that a path with repeated delays is not followed at once, until `CALM_GROUPS` groups arrive without.
+ * doubles it, so that a path with repeated outages is not followed at once, until `CALM_GROUPS` groups arrive without
+ * an outage.
  */
 const OUTAGE_END_GROUPS = 3,
   CALM_GROUPS = 120;
@@ -31,6 +32,8 @@ export class JitterBuffer {
   /** Number of consecutive groups that arrived at the nominal rate. */
   #steadyGroups = 0;
   #steadyGroupsNeeded = OUTAGE_END_GROUPS;
+  /** Number of consecutive groups since the last outage. */
+  #calmGroups = 0;
   /** Number of frames that were due but missing. */
   stalledFrames = 0;
   /** True if no more frames will arrive. */
@@ -56,7 +59,10 @@ export class JitterBuffer {
   #jump(nominalSeconds: number, now: number): void {
     this.#steadyGroups = now - this.#arrivedAt > nominalSeconds / 2 ? this.#steadyGroups + 1 : 0;
     this.#arrivedAt = now;
-    if (this.#steadyGroups >= CALM_GROUPS) this.#steadyGroupsNeeded = OUTAGE_END_GROUPS;
+    // The groups of an outage arrive together, or are lost, and the first one after them is late.
+    const [before, newest] = this.#frameZeroCandidates.slice(-2);
+    this.#calmGroups = this.#steadyGroups && !(newest - before > JUMP_SURPLUS_S) ? this.#calmGroups + 1 : 0;
+    if (this.#calmGroups >= CALM_GROUPS) this.#steadyGroupsNeeded = OUTAGE_END_GROUPS;
     if (this.#steadyGroups < this.#steadyGroupsNeeded) return;
     // Not all steady ones: if the groups of the outage are lost, all count as one, which arrived with a long delay.
     const last = this.#frameZeroCandidates.slice(-this.#steadyGroupsNeeded),

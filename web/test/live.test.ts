@@ -109,6 +109,21 @@ test("playback is live again within two seconds after each of several outages", 
   }
 });
 
+test("playback does not jump after each of many outages in a short time", () => {
+  const lasts = 2,
+    every = 10,
+    begin = 100,
+    isOut = (group: number): boolean => {
+      const at = ((group + 1) * GROUP) / RATE;
+      return at > begin && at % every >= every - lasts;
+    },
+    { buffer } = played(
+      Array.from({ length: (400 * RATE) / GROUP }, () => 0.05),
+      isOut,
+    );
+  assert.ok(buffer.stalledFrames < 10 * RATE, `${buffer.stalledFrames} frames`);
+});
+
 test("occasional late groups cause at most one stall", () => {
   const delays = Array.from({ length: 90 }, (_, n) => (n % 10 === 9 ? 1.5 : 0.05)),
     { shown } = played(delays);

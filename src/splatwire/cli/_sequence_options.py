@@ -24,7 +24,7 @@ def sequence_options(
         UnknownNameError: If there is no such quality.
     """
     if fps is not None and not 0.01 <= fps <= 1000:
-        raise InvalidValueError(f"--fps takes 0.01 to 1000 frames a second, not {fps:g}")
+        raise InvalidValueError(f"--fps takes 0.01 to 1000 frames per second, not {fps:g}")
     return SequenceOptions(
         FRAME_RATE if fps is None else fps, GROUP_FRAMES if group is None else group,
         quality=quality_of(quality_option(quality or "default")),

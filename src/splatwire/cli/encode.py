@@ -43,7 +43,7 @@ class Encode:
     """With --preset datagram: leave out the redundant copies of the most important Gaussians. They take 1 % of the
     bytes, are used by --conceal sketch, and gain about 2 dB if packets are lost."""
     up: Literal["auto", "y", "-y", "z", "-z"] = "auto"
-    """Up axis, for pages. auto: from the cameras, otherwise that of the file's metadata. If there are neither:
+    """Up axis, for pages. auto: from the cameras, otherwise that of the file's metadata. Without either:
     -y, as in files of Gaussians, or y if Gaussians are clearly brighter seen from +y (in a flat scene: reach clearly
     farther to +y)."""
     refine: int = 0

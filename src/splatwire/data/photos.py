@@ -45,7 +45,8 @@ def check_photo(path: Path) -> None:
     """Checks, from the header only, that `load_photo` reads an image of this kind.
 
     Raises:
-        DatasetError: If the file is missing, not an image, or has other channels than those of 8-bit pictures.
+        DatasetError: If the file is missing, not an image, or not 8-bit grey, palette or RGB, with or without
+            alpha.
     """
     with _open(path) as image:
         _check_mode(path, image)

@@ -65,7 +65,7 @@ def load_antialiasing(ply: Path) -> bool:
     """True if the training arguments near a trained PLY state antialiasing; logs a warning about unclear arguments.
 
     Args:
-        ply: The PLY. Its place shows the model folder: `point_cloud/iteration_N/point_cloud.ply` of 3DGS,
+        ply: The PLY. Its place shows the model folder: `iteration_N/point_cloud.ply` of 3DGS,
             `ply/point_cloud_N.ply` of gsplat, or `splat_N.ply` of LichtFeld Studio. For any other place the result is
             False.
 

@@ -64,7 +64,7 @@ class SequenceOptions:
             rate = Fraction(float(rate)).limit_denominator(_MAX_DENOMINATOR)  # 0 if it is tiny
         if not 0 < rate <= MAX_FRAME_RATE:
             raise InvalidValueError(
-                f"rate: clips have up to {MAX_FRAME_RATE} frames per second, not {float(self.rate):g}"
+                f"rate: clips have more than 0 and up to {MAX_FRAME_RATE} frames per second, not {float(self.rate):g}"
             )
         object.__setattr__(self, "rate", rate)
         if not 1 <= self.group_frames <= MAX_GROUP_FRAMES:

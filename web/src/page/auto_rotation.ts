@@ -38,8 +38,13 @@ export class AutoRotation {
     this.#run();
   }
 
+  get isOn(): boolean {
+    return this.#speed !== 0;
+  }
+
+  /** True if the scene rotates: switched on, and the visitor does not prefer reduced motion. */
   get running(): boolean {
-    return this.#speed !== 0 && !this.#reducedMotion.matches;
+    return this.isOn && !this.#reducedMotion.matches;
   }
 
   /** Pauses the rotation for some seconds, because the visitor uses the scene. */

@@ -143,7 +143,7 @@ export class Controller {
         changed: () => this.#settingsChanged(),
         flip: () => this.stage.orbit.flip(),
         reset: () => this.stage.orbit.reset(),
-        rotate: () => void (host.autorotate = this.#rotation.running ? null : ""),
+        rotate: () => void (host.autorotate = this.#rotation.isOn ? null : ""),
         retry,
         fullScreen: host.ownerDocument.fullscreenEnabled ? () => this.#toggleFullScreen() : null,
         copies,

@@ -1,6 +1,6 @@
 """Divides Gaussians into spatial blocks with bounding boxes, and orders the Gaussians for coding.
 
-Positions are integer coordinates on a lattice: a cubic grid with a spacing of `2 ** -lattice_bits` times the scene's
+Positions are integer coordinates on a lattice: a cubic grid with a spacing of `2 ** -lattice_bits` times the scene
 size.
 """
 

@@ -166,7 +166,7 @@ class MotionEvaluator:
     Attributes:
         packets: Motion polynomials of the moving tracks of each packet.
         num_frames: Number of frames in the group.
-        lattice_bits: Resolution of positions: the spacing of their lattice is `2**-lattice_bits` times the scene's
+        lattice_bits: Resolution of positions: the spacing of their lattice is `2**-lattice_bits` times the scene
             size.
         size_log: log2 of the scene size in world units.
     """
