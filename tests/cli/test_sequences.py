@@ -369,7 +369,7 @@ def test_encode_turns_a_splatv_file_into_a_clip(run, tmp_path):
     assert (content["frames"], content["frame_rate"], content["frames_matched"]) == (6, 10, 0)
     scored = run("evaluate", target, "--reference", source, "--json").json
     assert scored["rows"][0]["psnr"] > 30
-    assert "encode` makes a clip of it" in run("render", source, "-o", tmp_path / "a.png").err
+    assert "encode` makes a clip of it" in run("render", source, "-o", tmp_path / "pictures").err
     assert "--fps, --group and --frames are for clips" in run("encode", target, "-o", "b.swz", "--frames", 3).err
 
 
