@@ -55,7 +55,7 @@ def _help_lines(verb: str) -> Iterator[str]:
 
 @contextlib.contextmanager
 def _plain_terminal() -> Iterator[None]:
-    """Context in which help texts have no colours and lines of `COLUMNS` characters.
+    """Context in which help texts are printed without colours, in lines of `COLUMNS` characters.
 
     Sets environment variables that the option parser tyro reads, and restores them at the end.
     """

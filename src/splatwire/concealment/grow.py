@@ -96,9 +96,9 @@ class Grow:
         Args:
             received_shares: Received share of each element's neighbours, 0 to 1.
             fully_received: Mask of received elements of the whole scene.
-            weights: Weight of each of the scene's N elements when the received share of the whole scene is computed.
-                This share determines the upper limit of the factor. A weight is the typical size of the elements in an
-                importance tier. None for equal weights.
+            weights: Weights of the scene's N elements, such as the typical size in each element's importance tier. The
+                upper limit of the factor follows from the received share of the whole scene, which is a weighted mean.
+                None for equal weights.
         """
         return self.clamp_received_shares(received_shares, fully_received, weights) ** -self.exponent
 

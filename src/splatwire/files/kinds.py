@@ -433,7 +433,8 @@ def kind_of_format(file_format: FileFormat) -> Kind:
 def _plugin_kind(kind: Kind, head: bytes, suffix: str) -> Kind:
     """Detects file formats that other installed packages have registered.
 
-    The packages are only consulted about kinds without advice (`use`), and not about empty files.
+    The packages are not consulted about empty files, or about kinds whose error message already names a way to use them
+    (`Kind.use`).
 
     Args:
         kind: Result of the built-in detection.

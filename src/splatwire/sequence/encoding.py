@@ -191,7 +191,7 @@ class SequenceEncoder:
         return []
 
     def _set_origin(self, frame: Frame) -> None:
-        """Makes the origin of a frame that of the sequence, and converts the initial view to it."""
+        """Sets the origin of the sequence to that of a frame, and converts the initial view to it."""
         for name in (ORIGIN_SECTION.name, INITIAL_VIEW):
             self._sections.pop(name, None)
         metadata, origin = self._view
