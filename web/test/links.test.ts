@@ -20,6 +20,14 @@ test("embed code repeats attributes and names no version of the stream", () => {
   assert.match(code, /src="https:\/\/host\/streams\/scene\.swz" up="y" viewpoint="0 0 &quot;1" style=/);
 });
 
+test("embed code keeps the query of a file on another server", () => {
+  const other = new URL("https://host/get/scene.swz?7f753abe6c627689");
+  assert.match(
+    embedCode(other, "https://host/splatwire.js")!,
+    /src="https:\/\/host\/get\/scene\.swz\?7f753abe6c627689"/,
+  );
+});
+
 test("a stream that no other page can load has no embed code", () => {
   for (const src of ["blob:https://host/7", "data:,x", "file:///home/user/a.swz"])
     assert.equal(embedCode(new URL(src), "https://host/splatwire.js"), null, src);

@@ -105,8 +105,9 @@ test("gains of the scene before its updates are those of the Gaussians that stay
   assert.deepEqual(compacted.subarray(2 * kept), new Float32Array(2 * added).fill(1));
 });
 
-/** Address of a scene on the servers of splatwire, with the tag of its first content. */
-const TAGGED = `${URL_}?0123456789abcdef`;
+/** Address of a scene on the servers of splatwire, and with the tag of its first content. */
+const SCENE = "https://scenes.example/streams/a.swz",
+  TAGGED = `${SCENE}?0123456789abcdef`;
 
 /** Ends the requests for updates, and the mocks. */
 async function ended(reception: WorkerReceiver): Promise<void> {
@@ -135,14 +136,14 @@ async function followed(
   let updates = 0,
     scenes = 0;
   mock.method(globalThis, "fetch", async (url: string) => {
-    if (url === URL_) scenes++;
-    if (url === URL_) return new Response(readFileSync(replaced));
+    if (url === SCENE) scenes++;
+    if (url === SCENE) return new Response(readFileSync(replaced));
     if (url !== name) return new Response(null, { status: 404 });
     return new Response(answers(update, updates++) as Uint8Array<ArrayBuffer>);
   });
   mock.timers.enable({ apis: ["setTimeout"] });
   void reception.follow(TAGGED);
-  while (!said.some(({ kind }) => kind === "update")) {
+  for (let n = 0; n < 1e6 && !said.some(({ kind }) => kind === "update"); n++) {
     await new Promise((resolve) => setImmediate(resolve));
     mock.timers.tick(500);
   }

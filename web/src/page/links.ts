@@ -1,6 +1,7 @@
 // Links to a view of the scene, and embed code for other pages.
 
 import type { Viewpoint } from "../codec/decoder.ts";
+import { uncachedUrl } from "../transport/http_file.ts";
 import { addressOf } from "./address.ts";
 import type { Settings } from "./panel.ts";
 
@@ -58,9 +59,6 @@ export function writeLink({ concealer, lossRate }: Settings, viewpoint: Viewpoin
 /** File that defines the element for pages without a bundler. Servers for development have another one of that name. */
 const SCRIPT = /^(?!.*\/node_modules\/).*\/splatwire\.js$/;
 
-/** Query of a stream's URL on the servers of splatwire. It pins the current version, which caches keep for a year. */
-const VERSION = /^\?[0-9a-f]{16}$/;
-
 /** Attributes of the element that change the picture. Embed code repeats them. */
 export const EMBEDDED = ["up", "viewpoint", "concealer", "autorotate", "camera-limits", "updates"] as const;
 
@@ -78,9 +76,8 @@ export function embedCode(
   if (!script) return null;
   const { protocol, origin, pathname } = script,
     quoted = (text: string): string => text.replaceAll("&", "&amp;").replaceAll('"', "&quot;"),
-    address = new URL(stream);
+    address = new URL(uncachedUrl(stream.href));
   if (![protocol, address.protocol].every((one) => /^https?:$/.test(one)) || !SCRIPT.test(pathname)) return null;
-  if (VERSION.test(address.search)) address.search = "";
   const all = { src: address.href, ...attributes, style: "height: 30rem" },
     words = Object.entries(all).map(([name, value]) => ` ${name}="${quoted(value)}"`),
     tag = `<script type="module" src="${quoted(origin + pathname)}"></script>`;

@@ -47,10 +47,10 @@ const PASSING = [408, 425, 429, 500];
  * Query of a stream's URL on the servers of splatwire: the tag of its content. Proxies keep such a URL for a year, and
  * may keep a part of it from before the file was replaced.
  */
-const CONTENT_TAG = /(\/streams\/[^?#]+)\?[0-9a-f]{16}$/;
+const CONTENT_TAG = /(\/(?:streams|private)\/[^?#]+)\?[0-9a-f]{16}$/;
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
 
-/** Returns the URL under which no proxy keeps the file. */
+/** Returns the URL of the current version of a file, which no proxy keeps: a stream's URL without the tag. */
 export const uncachedUrl = (url: string): string => url.replace(CONTENT_TAG, "$1");
 
 /** Error for incorrect range responses. The whole file must be read. */
