@@ -13,8 +13,8 @@ const FAST_SURPLUS_S = 0.5,
   JUMP_SURPLUS_S = 1;
 /**
  * Number of consecutive groups at the nominal rate that end an outage, after which the clock may jump. Each jump
- * doubles it, so that a path with repeated outages is not followed at once, until `CALM_GROUPS` groups arrive without
- * an outage.
+ * doubles it, so that a path with repeated outages is not followed at once, until `CALM_GROUPS` groups in a row arrive
+ * at the nominal rate and without an outage.
  */
 const OUTAGE_END_GROUPS = 3,
   CALM_GROUPS = 120;
@@ -32,7 +32,7 @@ export class JitterBuffer {
   /** Number of consecutive groups that arrived at the nominal rate. */
   #steadyGroups = 0;
   #steadyGroupsNeeded = OUTAGE_END_GROUPS;
-  /** Number of consecutive groups since the last outage. */
+  /** Number of consecutive groups that arrived at the nominal rate and without an outage. */
   #calmGroups = 0;
   /** Number of frames that were due but missing. */
   stalledFrames = 0;

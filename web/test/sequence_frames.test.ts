@@ -7,6 +7,7 @@ import { emptySplats } from "../src/codec/splats.ts";
 import { KeyframeGaussians, TRACK_BYTES } from "../src/codec/tracks/keyframe_gaussians.ts";
 import { Sequence } from "../src/codec/tracks/sequence.ts";
 import type { TrackDecoder } from "../src/codec/tracks/track_decoder.ts";
+import type { Packet } from "../src/packets/packet.ts";
 import { SequenceFrames } from "../src/sequence_frames.ts";
 import { DecodedStream } from "../src/transport/decoded_stream.ts";
 import type { FromWorker } from "../src/transport/messages.ts";
@@ -46,7 +47,7 @@ test("the limit of memory counts all arrays of a track", () => {
   assert.equal(TRACK_BYTES, bytes / tracks.length);
 });
 
-test("only the sequence keeps the bytes of motion packets, so that they are released with their group", () => {
+test("bytes of motion packets are released with their group, also if they arrive later", () => {
   const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
     { decoder } = new DecodedStream(head),
     { sequence } = decoder.elementDecoder;
@@ -61,6 +62,24 @@ test("only the sequence keeps the bytes of motion packets, so that they are rele
   assert.equal(sequence!.packets.length, numMotion);
   decoder.intake.forget(sequence!.forgetMotion(sequence!.timeline.groupFrames));
   assert.ok(sequence!.packets.length < numMotion);
+});
+
+test("bytes of motion packets that arrive after their group are released with the next", () => {
+  const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
+    { decoder } = new DecodedStream(head),
+    { sequence } = decoder.elementDecoder,
+    isOfFirstGroup = ({ block }: Packet): boolean =>
+      !decoder.intake.plan.isKeyframe(block) && decoder.intake.plan.gopOf(block) === 0,
+    held = (): number =>
+      [...decoder.intake.blocks.values()]
+        .flat()
+        .filter(isOfFirstGroup)
+        .reduce((sum, { bytes }) => sum + bytes.length, 0);
+  decoder.intake.forget(sequence!.forgetMotion(sequence!.timeline.groupFrames));
+  for (const bytes of packets) decoder.addPacket(bytes);
+  assert.ok(sequence!.numLatePackets && held());
+  decoder.intake.forget(sequence!.forgetMotion(sequence!.timeline.groupFrames));
+  assert.equal(held(), 0);
 });
 
 test("a group of frames is whole once all its packets have arrived", () => {

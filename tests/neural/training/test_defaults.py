@@ -114,7 +114,7 @@ def test_time_left_excludes_compilation(dataset: Dataset) -> None:
     assert set(times[9:]) <= {f"0:03:{second}" for second in range(50, 60)}
 
 
-def test_chosen_recipe_is_printed_and_recorded(
+def test_chosen_preset_is_printed_and_recorded(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     output = tmp_path / "out.scene"

@@ -171,8 +171,8 @@ export class StreamDecoder {
 
   /**
    * Adds a packet, and decodes it unless such packets are decoded only for drawing, like those with motion. Returns
-   * null, and counts it, if it is invalid or a duplicate. Throws `BitstreamError` if the
-   * decoded elements need too much memory for the received bytes.
+   * null, and counts it, if it is invalid or a duplicate. Throws `BitstreamError` if the decoded elements need too much
+   * memory for the received bytes.
    */
   addPacket(bytes: Uint8Array): ElementBatch | null {
     const packet = this.admit(bytes);

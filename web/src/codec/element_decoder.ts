@@ -36,8 +36,8 @@ export interface SequenceDecoder {
   /** Number of motion packets that arrived after their group was shown. */
   readonly numLatePackets: number;
   /**
-   * Releases the motion packets of all groups before that of a frame and returns their blocks. Those groups cannot be
-   * shown again. Keyframe Gaussians stay.
+   * Releases the motion packets of all groups before that of a frame, and returns their blocks and those of packets that
+   * arrived late. Those groups cannot be shown again. Keyframe Gaussians stay.
    */
   forgetMotion(number: number): number[];
 }

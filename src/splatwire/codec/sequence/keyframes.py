@@ -141,8 +141,8 @@ class KeyframeEncoder:
         """Side information that determines the unit of motion in the current shot (see `shots`).
 
         The unit of motion is half the lattice spacing in this side information. The shot of the side information is the
-        current one, or an earlier one whose unit it keeps: its lattice may be up to 8 times finer or 1,024 times
-        coarser (`KEPT_UNIT_OCTAVES`).
+        current one, or an earlier one whose unit the current shot keeps: the current lattice may be up to 8 times finer
+        or 1,024 times coarser (`KEPT_UNIT_OCTAVES`).
         """
         return self._shots[-1].motion_unit_info
 

@@ -1,4 +1,4 @@
-"""Comparison of file sizes with the official HAC++ code on the same anchors, by attribute; nothing is rendered."""
+"""Comparison of file sizes with the official HAC++ code on the same elements, by attribute; nothing is rendered."""
 
 import logging
 import math

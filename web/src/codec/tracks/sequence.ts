@@ -84,6 +84,8 @@ export class Sequence implements SequenceDecoder {
   readonly #receivedElements: number[];
   /** First group with motion packets still in memory. */
   #firstGroup = 0;
+  /** Blocks with motion packets that arrived after their group was released. */
+  readonly #lateBlocks = new Set<number>();
   #motionDecoder: FastMotionPacketDecoder;
   #cachedBytes = 0;
   /** Gaussians of the last frame, if their memory may be used again. */
@@ -123,7 +125,11 @@ export class Sequence implements SequenceDecoder {
 
   addMotion(group: number, packet: Packet): void {
     this.#receivedElements[group] += packet.count;
-    if (group < this.#firstGroup) return void this.numLatePackets++;
+    if (group < this.#firstGroup) {
+      this.numLatePackets++;
+      this.#lateBlocks.add(packet.block);
+      return;
+    }
     this.#motion[group].push(packet);
     this.packets.push(packet);
     this.numBytes += packet.payload.length;
@@ -156,7 +162,8 @@ export class Sequence implements SequenceDecoder {
 
   forgetMotion(number: number): number[] {
     const end = Math.floor(number / this.info.timeline.groupFrames),
-      blocks = new Set<number>();
+      blocks = new Set(this.#lateBlocks);
+    this.#lateBlocks.clear();
     for (; this.#firstGroup < end; this.#firstGroup++) {
       for (const packet of this.#motion[this.#firstGroup].splice(0)) {
         blocks.add(packet.block);

@@ -94,7 +94,7 @@ export class TrackDecoder implements ElementDecoder<GaussianBatch> {
     const decoded = this.decode(packet);
     if (decoded) return this.accept(packet, decoded);
     this.sequence.addMotion(this.plan.gopOf(packet.block), packet);
-    // only the sequence keeps its bytes, until it forgets the motion
+    // sequence and intake keep the bytes until the motion is forgotten
     return new GaussianBatch(withoutBytes(packet), emptySplats(0, this.degree), () => new Int32Array());
   }
 
