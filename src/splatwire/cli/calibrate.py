@@ -18,7 +18,8 @@ class ReferenceOptions:
     cameras: Path | None = None
     """Cameras file; pictures of the complete scene from these cameras are used instead of photos."""
     background: BackgroundOption = None
-    """Background colour, RGB from 0 to 1. Default: that of the stream or scene file; black for files of Gaussians."""
+    """Background colour, RGB from 0 to 1. Default: that of the stream, the scene file or the training of a 3DGS model
+    folder; otherwise black."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,8 @@ class CalibrateGnn:
     render_width: int | None = None
     """Width of the rendered pictures in pixels, default 200."""
     background: BackgroundOption = None
-    """Background colour, RGB from 0 to 1. Default: that of the stream or scene file; black for files of Gaussians."""
+    """Background colour, RGB from 0 to 1. Default: that of the stream, the scene file or the training of a 3DGS model
+    folder; otherwise black."""
     precision: str | None = None
     """Precision of the weights in a file: float16 (default) or float32."""
     device: str = "cpu"

@@ -44,7 +44,8 @@ class Evaluate:
     renderer: str = "cpu"
     """Renderer: cpu, reference or gsplat."""
     background: BackgroundOption = None
-    """Background colour, RGB from 0 to 1. Default: that of the stream or scene file; black for files of Gaussians."""
+    """Background colour, RGB from 0 to 1. Default: that of the stream, the scene file or the training of a 3DGS model
+    folder; otherwise black."""
     views: int | None = None
     """Maximum number of views, evenly spaced. Default: all."""
     lpips_views: int | None = None

@@ -29,7 +29,8 @@ class Render:
     renderer: str = "cpu"
     """Renderer: cpu, reference or gsplat."""
     background: BackgroundOption = None
-    """Background colour, RGB from 0 to 1. Default: that of the stream or scene file; black for files of Gaussians."""
+    """Background colour, RGB from 0 to 1. Default: that of the stream, the scene file or the training of a 3DGS model
+    folder; otherwise black."""
     accept_damage: bool = False
     """Exit with status 0 even if bytes of the stream are damaged. Missing packets do not need this option."""
     json: JsonFlag = False

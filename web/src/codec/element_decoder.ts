@@ -36,7 +36,7 @@ export interface SequenceDecoder {
   /** Number of motion packets that arrived after their group was shown. */
   readonly numLatePackets: number;
   /**
-   * Releases the motion packets of all groups before that of a frame, and returns their blocks and those of packets that
+   * Releases the motion packets of all groups before that of a frame. Returns their blocks and those of packets that
    * arrived late. Those groups cannot be shown again. Keyframe Gaussians stay.
    */
   forgetMotion(number: number): number[];

@@ -169,7 +169,8 @@ class CodedBlock:
         payloads: Content of each packet without its header.
         rows: int64 (n, columns), decoded integers of each Gaussian except harmonics.
         harmonic_rows: int32 (n, harmonics), decoded integers of the spherical harmonics.
-        statistics: Numbers of coded symbols by context, see `empty_statistics`.
+        statistics: Numbers of coded symbols by context, see `empty_statistics`. With a maximum payload size, attempts
+            that did not fit are counted, too.
     """
 
     counts: np.ndarray
