@@ -127,6 +127,26 @@ def test_diverging_run_is_reported(dataset: Dataset, config: TrainConfig) -> Non
     assert caught.value.iteration == 1
 
 
+def test_a_diverged_run_that_is_stopped_keeps_the_checkpoint_before(
+    dataset: Dataset, config: TrainConfig, tmp_path: Path
+) -> None:
+    path, state, seen = tmp_path / "run.checkpoint", initial_state(dataset, config), list[Progress]()
+
+    def stop() -> bool:
+        if len(seen) < 6:
+            return False
+        with torch.no_grad():
+            state.parameters["features"][0] = torch.nan
+        return True
+
+    listener = Listener(progress=seen.append, should_stop=stop)
+    with pytest.raises(DivergedError):
+        train_scene(
+            dataset, None, config, state=state, options=RunOptions(path, checkpoint_interval=5), listener=listener
+        )
+    assert load_checkpoint(path)[0].iteration == 5
+
+
 def test_damaged_photo_is_detected_before_training(dataset: Dataset, config: TrainConfig, tmp_path: Path) -> None:
     broken = tmp_path / "broken.png"
     broken.write_bytes(dataset.image_paths[5].read_bytes()[:-200])

@@ -147,14 +147,14 @@ class TrainingLoop:
 
         Raises:
             DatasetError: If a resumed training had more views than `photos`.
-            DivergedError: If the loss or a parameter is not finite.
+            DivergedError: If the loss is not finite, or a parameter is not finite when a checkpoint is due. The
+                checkpoint before is then kept.
             OSError: If a checkpoint cannot be written.
         """
         if max(training.state.view_queue, default=0) >= self.train_data.num_views:
             raise DatasetError("the checkpoint is of a run with more training views than there are here")
         stopped = self._iterate(training, photos)
-        if self.options.checkpoint is not None:
-            training.save(self.options.checkpoint)
+        self._write_checkpoint(training)
         return stopped
 
     def _iterate(self, training: ModelTraining, photos: PhotoStore) -> bool:
@@ -197,9 +197,19 @@ class TrainingLoop:
         state, options = training.state, self.options
         if state.iteration == training.iterations:
             return
-        if options.checkpoint is not None and state.iteration % options.checkpoint_interval == 0:
-            if not all(bool(torch.isfinite(value).all()) for value in state.parameters.values()):
-                raise DivergedError(state.iteration)
-            training.save(options.checkpoint)
+        if state.iteration % options.checkpoint_interval == 0:
+            self._write_checkpoint(training)
         if options.test_interval and state.iteration % options.test_interval == 0 and self.test_data is not None:
             self.test(training.scene(self.device), state.iteration, options.max_test_views)
+
+    def _write_checkpoint(self, training: ModelTraining) -> None:
+        """Writes a checkpoint if the options name a checkpoint file.
+
+        Raises:
+            DivergedError: If a parameter is not finite.
+        """
+        if self.options.checkpoint is None:
+            return
+        if not all(bool(torch.isfinite(value).all()) for value in training.state.parameters.values()):
+            raise DivergedError(training.state.iteration)
+        training.save(self.options.checkpoint)
