@@ -304,7 +304,8 @@ class Transfer {
     if (!known || !this.store.hasHead) this.store.begin(fileHead, head);
     if (known) return;
     try {
-      if (live) throw new Error("the stream is a live clip, which only the element `<splat-wire>` plays");
+      if (live)
+        throw new Error("the stream is a live clip: `Clip` of `splatwire/clip` and the element `<splat-wire>` play it");
       checkOptions(received!, this.options);
     } catch (error) {
       this.end(error);

@@ -67,7 +67,7 @@ def order_and_protect(
         importance: Cost of losing each packet, by packet index. The motion packets with the highest costs get parity.
             None to give parity to the first motion packets.
         protection: Redundancy. `Protection.motion` has the amount of parity for each group of the sequence.
-        first: Index of `groups[0]` in the sequence.
+        first: Index of `groups[0]` in the stream; each period of a live sequence is a stream.
 
     Returns:
         Sending order of the packets, and their parity.

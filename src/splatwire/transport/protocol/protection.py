@@ -38,7 +38,8 @@ class Protection:
         retransmit_until: Share of the packets, from the start of the sending order, that may be retransmitted, 0 to 1.
         motion: For a sequence, the parity of motion packets: one pair of numbers for each group of pictures. The first
             number is the share of the group's motion packets that get parity, 0 to 1. The second is the number of
-            repair symbols per packet with parity, 0 to 2. The last pair applies to all later groups.
+            repair symbols per packet with parity, 0 to 2. The last pair applies to all later groups. Each period of a
+            live sequence begins with the first pair.
 
     Raises:
         InvalidValueError: If a number is out of range.

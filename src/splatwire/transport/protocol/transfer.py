@@ -39,9 +39,11 @@ NUM_FREQUENT_ENDS = 10
 SLOW_END_INTERVAL_S = 1.0
 """Interval between later closing datagrams for these clients, seconds."""
 WELCOME_INTERVAL_S = 0.15
-"""Minimum interval between responses that accept a request (welcome), seconds. Clients repeat requests after 0.2 s."""
+"""Minimum interval between responses that accept a request (welcome), seconds. Clients repeat
+requests after 0.2 s over UDP, pages after 20 ms."""
 MAX_WELCOMES = 50
-"""Maximum number of responses that accept a request (welcome): as many as a client's requests before it gives up."""
+"""Maximum number of responses that accept a request (welcome): as many as the requests of a UDP client before it gives
+up."""
 RETRANSMIT_INTERVAL_S = 0.05
 """Minimum interval between retransmissions of a packet, seconds; at least one round-trip time."""
 INIT_RESERVE_FACTOR = 1.3

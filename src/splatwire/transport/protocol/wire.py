@@ -55,7 +55,8 @@ MESSAGE_KINDS = (
 )  # fmt: skip
 TO_SERVER = frozenset((HELLO, REQUEST, FEEDBACK, BYE, HAVE, VIEW_UPDATE))
 STREAM_MESSAGES = frozenset((REQUEST, WELCOME, REFUSE, INIT_SYMBOL))
-"""Kinds of messages that are sent on the reliable stream if there is one (QUIC), with a u16 size prefix."""
+"""Kinds of messages that are sent on the reliable stream if there is one (QUIC), with a u16 size prefix.
+Pages also send `HAVE` there."""
 
 MAX_FOCAL, MAX_COORDINATE, MAX_ROTATION_ERROR = 1e6, 1e12, 0.01
 """Maxima that a valid viewpoint must not exceed: focal length in pixels, coordinates in scene units, and deviation of
