@@ -7,7 +7,9 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 
 # Several modules limit requests and retransmissions. Limits of a receiver:
 #
-# * interval between feedback datagrams: `receiver.FEEDBACK_INTERVAL_S`;
+# * no NACKs at all without `ReceiverOptions.nack`;
+# * interval between feedback datagrams: `receiver.FEEDBACK_INTERVAL_S`; with a view-dependent order, half of
+#   `receiver.IDLE_S` once everything visible has arrived;
 # * interval between NACKs for a packet: `NACK_INTERVAL_S`;
 # * number of NACKs per packet of a live stream, and per sequence number: `MAX_NACK_ATTEMPTS` (a packet of a still scene
 #   has no maximum);
@@ -20,18 +22,21 @@ from splatwire.transport.protocol.messages import MAX_NACKS
 #
 # Limits of a server:
 #
-# * interval between retransmissions of a packet: `transfer.RETRANSMIT_INTERVAL_S`, or 1.25 round-trip times if that is
-#   longer;
+# * number of feedback datagrams whose NACKs count: `transfer.MAX_REPORTS_S`, `transfer.MAX_REPORTS_AT_ONCE`; over QUIC
+#   also the processor time of a client's datagrams (`quic.input_budget`);
+# * interval between retransmissions of a packet or a symbol of the init segment: `transfer.RETRANSMIT_INTERVAL_S`, or
+#   1.25 round-trip times if that is longer;
 # * packets that are retransmitted at all: `may_retransmit` of the served stream. For a live stream, these are the
 #   packets that are still needed: keyframe Gaussians and the packets of the newest group (`live_packager`). Otherwise,
 #   these are the packets up to `Protection.retransmit_until`;
 # * retransmitted bytes as a share of the stream: `Protection.retransmit_share`;
 # * number of latest datagrams that NACKs may name by sequence number: `send_queue.MAX_LOGGED_DATAGRAMS`;
-# * bytes sent to a client: `ServerLimits.max_sent_ratio`.
+# * bytes sent to a client: `ServerLimits.max_sent_ratio`; nothing is sent after `transfer.FEEDBACK_TIMEOUT_S` without
+#   feedback.
 #
-# The counterpart in browsers is `web/src/transport/transfer.ts`. `web/scripts/make_tables.py` copies the limits of a
-# receiver to `web/src/transport/wire.ts`. `docs/transport.md` states `NACK_INTERVAL_S`, `MAX_NACK_ATTEMPTS`
-# and `REORDER_THRESHOLD`, `docs/wire.md` states `MAX_NACKS`.
+# The counterparts in browsers are `web/src/transport/transfer.ts`, and `webtransport.ts` with its own limits of time.
+# `web/scripts/make_tables.py` copies limits of a receiver to `web/src/transport/wire.ts`. `docs/transport.md` states
+# `NACK_INTERVAL_S`, `MAX_NACK_ATTEMPTS` and `REORDER_THRESHOLD`, `docs/wire.md` states `MAX_NACKS`.
 
 NACK_INTERVAL_S = 0.12
 """Minimum interval between NACKs for the same packet, seconds."""
