@@ -47,7 +47,7 @@ test("the limit of memory counts all arrays of a track", () => {
   assert.equal(TRACK_BYTES, bytes / tracks.length);
 });
 
-test("bytes of motion packets are released with their group, also if they arrive later", () => {
+test("bytes of motion packets are released with their group", () => {
   const { head, packets } = readStream("../tests/golden/tiny_clip.swz"),
     { decoder } = new DecodedStream(head),
     { sequence } = decoder.elementDecoder;

@@ -15,7 +15,7 @@ WARN_S = 5.0
 MAX_WARNING = 1000
 """Maximum length of a warning, characters."""
 LOGGERS = ("splatwire.types.validity", "splatwire.codec.gaussians.outliers")
-"""Loggers whose warnings are about single frames and may come with every frame."""
+"""Loggers of warnings about single frames, which each frame may cause."""
 
 
 class Warnings:

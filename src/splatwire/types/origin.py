@@ -55,7 +55,7 @@ def choose_origin(means: np.ndarray, *, low_thresholds: bool) -> Origin:
 
     Args:
         means: World coordinates, float (N, 3); rows that are not finite are ignored.
-        low_thresholds: False to choose an origin only for scenes that are more than 256 times their extent and 1000
+        low_thresholds: False to choose an origin only for scenes that are more than 256 times their spread and 1000
             units away from 0. True for more than 8 times and 16 units, and also for all scenes that float32 would round
             visibly.
 

@@ -111,9 +111,9 @@ class _Worker:
 
 @contextlib.contextmanager
 def _folder_not_imported() -> Iterator[None]:
-    """Context in which new processes import no module of the current folder, such as a `random.py`, while they start.
+    """Context in which starting processes import no module of the current folder, such as a `random.py`.
 
-    Later, they import from the same folders as this process.
+    Once started, a process imports from the same folders as this one.
     """
     before = os.environ.get(_SAFE_PATH)
     os.environ[_SAFE_PATH] = "1"

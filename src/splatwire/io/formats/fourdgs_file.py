@@ -39,6 +39,7 @@ _COLORS, _SRGB = "color_space", "srgb-rec709-display"
 _LOWEST, _HIGHEST = -4.0, 4.0
 """Coefficients of harmonics for the bytes 0 and 255."""
 _ROWS = "Gaussians and their states"
+"""Rows of such a file, for messages: a Gaussian has one row for each interval in which it does not change."""
 _STEP = 0.1
 """Step of positions divided by the median of all standard deviations, with the default error bounds of fourdgs."""
 

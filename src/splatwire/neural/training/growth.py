@@ -78,8 +78,8 @@ def adjust_anchors(state: TrainState, config: TrainConfig, uniform: Uniform = un
         The numbers of added and of removed anchors.
 
     Raises:
-        DivergedError: If nearly all examined anchors are transparent after the first half of the iterations until
-            `Milestones.growth_end` and when anchors may be removed, because such a scene cannot recover.
+        DivergedError: If nearly all examined anchors are transparent although half of the iterations until
+            `Milestones.growth_end` have passed: such a scene cannot recover. Checked only when anchors may be removed.
     """
     statistics, rules = state.statistics, config.growth
     min_views = config.milestones.growth_interval * rules.min_views_factor

@@ -36,7 +36,7 @@ ImportanceFunction = Callable[[Sequence[Packet]], Sequence[float]]
 class LiveSnapshot(ServedStream):
     """Live stream prepared for sending, in its state after a new group of pictures.
 
-    `schedule` is what a client gets that joins now: init segment, keyframe packets so far, and the newest group.
+    `schedule` is what a client that joins now gets: init segment, keyframe packets so far, and the newest group.
     `packets` has empty bytes for packets that have expired (see `is_still_needed`).
 
     Attributes:
