@@ -91,9 +91,8 @@ export class Transfer {
   #initSegment: InitSegment | null = null;
   /** State of each packet: 0 missing, 1 received, 2 given up. */
   #packetStates = new Uint8Array();
-  /** Times of requests by packet index, and by sequence number of a lost datagram. */
+  /** Times of requests by packet index. */
   readonly #packetNackedAt = new Map<number, number>();
-  readonly #sequenceNackedAt = new Map<number, number>();
   readonly #nackCounts = new Map<number, number>();
   /** True if the stream was live when the transfer began. The requests for each packet are then limited. */
   #beganLive = false;
@@ -109,8 +108,8 @@ export class Transfer {
    * True once a view was sent. The server then sends its tiles, and lost datagrams are requested by sequence number.
    */
   hasSentView = false;
-  /** Missing sequence numbers, and the number of requests for each. */
-  readonly #gaps = new Map<number, number>();
+  /** Missing sequence numbers, with the number and the time (milliseconds) of their requests. */
+  readonly #gaps = new Map<number, { requests: number; requestedAt: number }>();
   #numViewUpdates = 0;
   #fruitlessEnds = 0;
   #endCountedAt = 0;
@@ -240,7 +239,8 @@ export class Transfer {
   /** Records the missing sequence numbers before a datagram. */
   #recordGaps(sequence: number): void {
     this.#gaps.delete(sequence);
-    for (let n = Math.max(this.#largestSequence + 1, sequence - MAX_GAPS); n < sequence; n++) this.#gaps.set(n, 0);
+    for (let n = Math.max(this.#largestSequence + 1, sequence - MAX_GAPS); n < sequence; n++)
+      this.#gaps.set(n, { requests: 0, requestedAt: -1e9 });
     for (const oldest of this.#gaps.keys()) {
       if (this.#gaps.size <= MAX_GAPS) break;
       this.#gaps.delete(oldest);
@@ -254,16 +254,15 @@ export class Transfer {
   #sequencesToRequest(now: number): number[] {
     const last = this.isAllSent ? this.#largestSequence : this.#largestSequence - REORDER_THRESHOLD,
       nacks: number[] = [];
-    for (const [sequence, attempts] of this.#gaps) {
+    for (const [sequence, gap] of this.#gaps) {
       if (sequence > last || nacks.length === MAX_NACKS) break;
-      if (now - (this.#sequenceNackedAt.get(sequence) ?? -1e9) < NACK_INTERVAL_MS) continue;
-      if (attempts === MAX_NACK_ATTEMPTS) {
+      if (now - gap.requestedAt < NACK_INTERVAL_MS) continue;
+      if (gap.requests === MAX_NACK_ATTEMPTS) {
         this.#gaps.delete(sequence);
-        this.#sequenceNackedAt.delete(sequence);
         continue;
       }
-      this.#gaps.set(sequence, attempts + 1);
-      this.#sequenceNackedAt.set(sequence, now);
+      gap.requests++;
+      gap.requestedAt = now;
       nacks.push(sequence);
     }
     return nacks;
@@ -366,7 +365,6 @@ export class Transfer {
   #resetPeriod(streamId: number): void {
     this.#previousPeriodId = streamId;
     this.#packetNackedAt.clear();
-    this.#sequenceNackedAt.clear();
     this.#nackCounts.clear();
     this.#highestReceived = -1;
     this.#lowestMissing = this.counts.packets = 0;
