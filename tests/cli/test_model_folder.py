@@ -39,7 +39,7 @@ def test_verbs_accept_a_model_folder_and_its_cameras(run, model, tmp_path):
     assert run("import", "splats", model, "-o", tmp_path / "b.ply", "--json").json["num_gaussians"] == 60
 
 
-def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path):
+def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path, caplog):
     folder = model / "point_cloud" / "iteration_7000"
     places = (model, model / "point_cloud", folder, folder / "point_cloud.ply")
     assert [open_scene(place).background for place in places] == [BLACK] * 4
@@ -47,6 +47,10 @@ def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path)
     assert [open_scene(place).background for place in places] == [WHITE] * 4
     assert run("encode", model, "-o", tmp_path / "a.swz").status == 0
     assert open_scene(tmp_path / "a.swz").background == WHITE
+    assert "background" not in caplog.text
+    for place in places:
+        run("import", "splats", place, "-o", tmp_path / "a.ply")
+    assert caplog.text.count("a.ply: such files have no background colour") == len(places)
 
 
 def test_the_model_folder_is_found_from_inside(model, monkeypatch):

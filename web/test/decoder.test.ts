@@ -8,6 +8,7 @@ import type { AddressInfo } from "node:net";
 import { test } from "node:test";
 
 import { BitstreamError, decode, decodeClip, type Gaussians, type ReceivedUpdate, receive } from "../src/decoder.ts";
+import { warnOfLeftOut } from "../src/integrations/losses.ts";
 import { Generator } from "../src/integrations/splat_transform.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 
@@ -166,6 +167,17 @@ test("splat-transform receives all rows of levels, or the chosen frame of a clip
   assert.equal((await Generator.create(given({ file: path("tiny_clip"), frame: "1" }))).count, count);
   await assert.rejects(Generator.create(given({ file: path("tiny_clip") })), /choose one of its frames/);
   await assert.rejects(Generator.create(given({ file: path("tiny_clip"), frame: "one" })), /frame .* does not exist/);
+});
+
+test("splat-transform warns of antialiasing and of an origin, which its output lacks", async (context) => {
+  const warn = context.mock.method(console, "warn", () => undefined),
+    { gaussians } = await decode(levels);
+  await Generator.create([{ name: "file", value: path("tiny_levels") }]);
+  assert.equal(warn.mock.callCount(), 0);
+  warnOfLeftOut({ ...gaussians, antialiased: true, origin: [0, 4e6, 0.5] }, "a.swz");
+  const [first, second] = warn.mock.calls.map(({ arguments: [text] }) => text);
+  assert.match(first, /^a\.swz: the scene is antialiased/);
+  assert.match(second, /origin \(0, 4000000, 0\.5\)/);
 });
 
 test("a signal that lives longer than a transfer keeps nothing of it", async () => {

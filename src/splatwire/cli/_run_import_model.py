@@ -9,8 +9,10 @@ from splatwire.cli.import_model import Import
 from splatwire.errors import InvalidValueError
 from splatwire.io import save_scene
 from splatwire.io.formats import read_content
+from splatwire.io.formats.dispatch import warn_of_background
 from splatwire.io.formats.ply import write_ply
 from splatwire.io.importing import import_model
+from splatwire.io.opening import background_of
 from splatwire.types.metadata import metadata_to_json
 from splatwire.types.scene_digest import scene_digest
 
@@ -44,6 +46,7 @@ def _neural(command: Import, path: Path) -> dict[str, object]:
 def _explicit(command: Import, path: Path) -> dict[str, object]:
     content = read_content(command.model_dir)
     splats, antialiased, origin = content.splats, content.antialiased, content.origin
+    warn_of_background(path, background_of(command.model_dir))
     count = write_ply([splats], path, antialiased=antialiased, origin=origin, metadata=content.metadata)
     return {
         "num_gaussians": count, "degree": splats.degree, "antialiased": antialiased, "origin": list(origin),

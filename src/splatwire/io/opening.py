@@ -176,7 +176,7 @@ def _read(path: Path) -> LoadedScene:
         content = read_content(path)
         scene = SplatScene(
             content.splats,
-            background=_background_of(path),
+            background=background_of(path),
             coding=_coding(path, kind, content.splats),
             antialiased=content.antialiased,
             origin=content.origin,
@@ -190,7 +190,7 @@ def _read(path: Path) -> LoadedScene:
     return LoadedScene(kind, *load_scene_file(path))
 
 
-def _background_of(path: Path) -> Background:
+def background_of(path: Path) -> Background:
     """Returns the background colour with which a scene of 3DGS was trained.
 
     Args:

@@ -5,7 +5,7 @@ import { readFile } from "node:fs/promises";
 
 import { decode, type Gaussians } from "../decoder.ts";
 import { type Columns, plyColumns } from "./columns.ts";
-import { warnOfLosses } from "./losses.ts";
+import { warnOfLeftOut, warnOfLosses } from "./losses.ts";
 
 interface Parameters {
   readonly name: string;
@@ -38,6 +38,7 @@ export class Generator {
     });
     warnOfLosses(scene, file);
     const { gaussians } = scene;
+    warnOfLeftOut(gaussians, file);
     return new Generator(gaussians.count, plyColumns(turned(gaussians)));
   }
 
