@@ -199,6 +199,17 @@ def test_another_antialiasing_is_logged(base: SceneStream, caplog: pytest.LogCap
     assert not decode_stream(apply_update(base, update)).scene.antialiased
 
 
+def test_a_scene_far_from_the_origin_of_its_stream_is_logged(caplog: pytest.LogCaptureFixture) -> None:
+    """Files such as SPZ that another program has edited lack the origin of a scene in map coordinates."""
+    origin, near = (451_235.0, 5_411_876.0, 118.0), (451_230.0, 5_411_870.0, 118.0)
+    base = encode_scene(SplatScene(some_splats(), origin=origin), SMALL)
+    encode_update(base, SplatScene(some_splats().moved_origin(origin, near), origin=near))
+    assert not caplog.text
+    encode_update(base, SplatScene(some_splats()))
+    assert "5.41188e+06 away from the origin of its stream (451235 5411876 118), which an update keeps" in caplog.text
+    assert "rounded to steps of 0.5" in caplog.text
+
+
 def test_other_metadata_than_that_of_the_stream_is_logged(caplog: pytest.LogCaptureFixture) -> None:
     view = StartView((1.0, 2.0, 3.0), (0.0, 0.1, 0.2), (0.0, -1.0, 0.0))
     known = SceneMetadata(title="Room", author="Ana", up="z", view=view)

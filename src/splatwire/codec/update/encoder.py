@@ -28,6 +28,7 @@ from splatwire.codec.update.section import SECTION, UpdateFields, manifest_diges
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.types import SplatCoding
 from splatwire.types.metadata import metadata_to_json
+from splatwire.types.origin import NO_ORIGIN, describe_origin, misses_positions
 from splatwire.types.received_scene import ReceivedScene
 from splatwire.types.splat_scene import SplatScene
 from splatwire.types.splats import Splats
@@ -140,6 +141,12 @@ def encode_change(
         LOG.warning(
             "encoding: %s is antialiased, %s is not: an update keeps what the stream has, and the other one looks "
             "different from afar", marked, plain,
+        )  # fmt: skip
+    if edited.origin != before.origin and (distance := misses_positions(NO_ORIGIN, after.means)) is not None:
+        LOG.warning(
+            "encoding: the changed scene is %.6g away from the origin of its stream (%s), which an update keeps: "
+            "positions are rounded to steps of %.2g; give the scene the coordinates of the stream, or encode it as a "
+            "whole", distance, describe_origin(before.origin), float(np.spacing(np.float32(distance))),
         )  # fmt: skip
     _warn_of_other_metadata(edited, before)
     after = pull_in_outliers(after, coding.size_log)
