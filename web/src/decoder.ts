@@ -194,7 +194,8 @@ const GROWTH = 1.5;
  *
  * With a concealer, the last result is the whole concealed scene and replaces the earlier ones. For streams with levels
  * and for clips, every result replaces the one before. After a disconnect, the transfer continues with the missing
- * packets. Throws for live clips, which have no last packet.
+ * packets. A server that does not answer is tried again until `signal` is aborted. Throws for live clips, which have no
+ * last packet.
  */
 export async function* receive(url: string | URL, options: ReceiveOptions = {}): AsyncGenerator<ReceivedUpdate, void> {
   const transfer = new Transfer(options);

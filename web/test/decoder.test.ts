@@ -1,7 +1,7 @@
 // `splatwire/decoder`: all Gaussians of levels, any frame of a clip, and one clear error for unsuitable options.
 
 import assert from "node:assert/strict";
-import { getEventListeners } from "node:events";
+import { getEventListeners, once } from "node:events";
 import { readFileSync } from "node:fs";
 import { createServer } from "node:http";
 import type { AddressInfo } from "node:net";
@@ -184,4 +184,26 @@ test("a signal that lives longer than a transfer keeps nothing of it", async () 
   const { signal } = new AbortController();
   assert.ok((await received(levels, { signal })).length);
   assert.equal(getEventListeners(signal, "abort").length, 0);
+});
+
+test("an address without a server is an error, and a connection that fails is named with the reason", async () => {
+  await assert.rejects(async () => {
+    for await (const _ of receive(new URL("file:///scene.swz"))) assert.fail();
+  }, /file:\/\/\/scene\.swz is on no web server/);
+  const server = createServer().listen(0, "127.0.0.1");
+  await once(server, "listening");
+  const { port } = server.address() as AddressInfo,
+    stop = new AbortController(),
+    reasons: string[] = [];
+  server.close();
+  await once(server, "close");
+  const lost = (reason: string): void => {
+      reasons.push(reason);
+      stop.abort();
+    },
+    options = { signal: stop.signal, lost };
+  await assert.rejects(async () => {
+    for await (const _ of receive(`http://127.0.0.1:${port}/s.swz`, options)) assert.fail();
+  }, /abort/);
+  assert.match(reasons[0], /^fetch failed: .*ECONNREFUSED/);
 });

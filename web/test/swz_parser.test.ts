@@ -6,7 +6,8 @@ import { test } from "node:test";
 import type { AppBase, GSplatResource } from "playcanvas";
 
 import { SwzParser } from "../src/integrations/playcanvas.ts";
-import { Server, URL_ } from "./fake_web.ts";
+import { loadSplats } from "../src/integrations/three.ts";
+import { Server, URL_, whole } from "./fake_web.ts";
 import { deviceOf } from "./null_device.ts";
 import { fileOf } from "./vectors.ts";
 
@@ -48,4 +49,20 @@ test("the whole scene is loaded, also if the application leaves the concealer un
   }
   assert.ok(counts[0] > 0);
   assert.equal(counts[1], counts[0]);
+});
+
+test("missing packets of an asset, or of a stream for Spark, are reported on the console", async (context) => {
+  const file = fileOf("../tests/golden/tiny_levels.swz"),
+    app = { graphicsDevice: deviceOf(), scene: { gsplat: {} } } as unknown as AppBase,
+    said: string[] = [];
+  context.mock.method(console, "warn", (text: string) => said.push(text));
+  for (const cut of [0, 600]) {
+    new Server(() => whole(file.slice(0, file.length - cut)));
+    await new Promise<void>((resolve, reject) =>
+      new SwzParser(app).load(`${URL_}?token=1`, (error) => (error ? reject(new Error(error)) : resolve())),
+    );
+    await loadSplats(`${URL_}?token=1`);
+    assert.equal(said.length, cut ? 2 : 0, said.join());
+    for (const text of said) assert.match(text, /^https:\S+\/a\.swz: \d+ of \d+ packets received/);
+  }
 });

@@ -1,11 +1,17 @@
 // Warnings and errors for incomplete or altered files, and for converted files that lack a part of the scene.
 
-import type { Decoded, Gaussians } from "../decoder.ts";
+import type { Decoded, Gaussians, Progress } from "../decoder.ts";
 
 /** Warns on the console if packets are missing. Throws if the file is complete but its digest is wrong. */
-export function warnOfLosses({ packets, expected, complete, verified }: Decoded, name: string): void {
-  if (complete && !verified) throw new Error(`${name} was altered or is damaged: its digest does not match`);
-  if (!complete) console.warn(`${name}: ${packets} of ${expected} packets received, losses are concealed`);
+export function warnOfLosses(received: Decoded, name: string): void {
+  if (received.complete && !received.verified)
+    throw new Error(`${name} was altered or is damaged: its digest does not match`);
+  warnOfMissing(received, name);
+}
+
+/** Warns on the console if packets are missing. */
+export function warnOfMissing({ packets, expected }: Pick<Progress, "packets" | "expected">, name: string): void {
+  if (packets < expected) console.warn(`${name}: ${packets} of ${expected} packets received, losses are concealed`);
 }
 
 /** Warns on the console if a scene is antialiased or has an origin. Files from other converters contain neither. */

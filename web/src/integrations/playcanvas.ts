@@ -3,8 +3,9 @@
 import { type AppBase, type Asset, type GraphicsDevice, GSplatData, GSplatResource } from "playcanvas";
 
 import { decode, type Gaussians, type Options, type ReceivedUpdate, receive } from "../decoder.ts";
+import { withoutQuery } from "../transport/http_error.ts";
 import { plyColumns } from "./columns.ts";
-import { warnOfLosses } from "./losses.ts";
+import { warnOfLosses, warnOfMissing } from "./losses.ts";
 
 export { ClipEntity } from "./playcanvas_clip.ts";
 
@@ -66,6 +67,7 @@ export class SwzParser {
     }
     if (gone()) return null;
     if (!last) throw new Error("nothing arrived");
+    warnOfMissing(last, withoutQuery(url));
     return last.gaussians;
   }
 }

@@ -2,8 +2,9 @@
 
 import { ExtSplats, utils } from "@sparkjsdev/spark";
 
-import { type Gaussians, type ReceiveOptions, receive } from "../decoder.ts";
+import { type Gaussians, type ReceivedUpdate, type ReceiveOptions, receive } from "../decoder.ts";
 import { withoutQuery } from "../transport/http_error.ts";
+import { warnOfMissing } from "./losses.ts";
 import { coefficientSlots } from "./spark_harmonics.ts";
 
 export { ClipMesh } from "./three_clip.ts";
@@ -48,11 +49,13 @@ function harmonicsOf({ count, degree, harmonics }: Gaussians, length: number): R
   return found;
 }
 
-/** Loads a whole stream. The default concealer is `grow`. */
+/** Loads a whole stream. The default concealer is `grow`. Missing packets are reported on the console. */
 export async function loadSplats(url: string | URL, options: ReceiveOptions = {}): Promise<ExtSplats> {
-  let last: Gaussians | null = null;
+  let last: ReceivedUpdate | null = null;
   const concealer = options.concealer ?? "grow";
-  for await (const { gaussians } of receive(url, { ...options, concealer })) last = gaussians;
-  if (!last) throw new Error(`nothing arrived from ${withoutQuery(String(url))}`);
-  return splatsOf(last);
+  for await (const update of receive(url, { ...options, concealer })) last = update;
+  const name = withoutQuery(String(url));
+  if (!last) throw new Error(`nothing arrived from ${name}`);
+  warnOfMissing(last, name);
+  return splatsOf(last.gaussians);
 }

@@ -31,10 +31,16 @@ export async function withBackoff<T>(
       if (progress() > before) failures = 0;
       const { retryMs = 0, waited } = error as { retryMs?: number; waited?: boolean }, // requested by the server
         ms = Math.max(waited ? 0 : nextMs(), retryMs);
-      disconnected((error as Error).message, ms);
+      disconnected(reasonOf(error as Error), ms);
       await wait(ms);
     }
   }
+}
+
+/** Returns the message of an error. Node's `fetch failed` has the reason, such as an unknown host, in its cause. */
+function reasonOf({ message, cause }: Error): string {
+  const { message: reason = "", code = "" } = (cause ?? {}) as { message?: string; code?: string };
+  return reason || code ? `${message}: ${reason || code}` : message;
 }
 
 /** Waits, or returns earlier when the browser is online again. */

@@ -48,6 +48,8 @@ const PASSING = [408, 425, 429, 500];
  * may keep a part of it from before the file was replaced.
  */
 const CONTENT_TAG = /(\/(?:streams|private)\/[^?#]+)\?[0-9a-f]{16}$/;
+const NO_SERVER =
+  "is on no web server, so it cannot be requested: pages need a server (http), and `decode` takes the bytes of a file";
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
 
 /** Returns the URL of the current version of a file, which no proxy keeps: a stream's URL without the tag. */
@@ -190,7 +192,7 @@ export class HttpFile {
   /**
    * Requests the bytes `first` to `end - 1`, where null means the end of the file. If `first` is null, the whole file
    * is requested without a range. Throws `HttpError`, `Stalled`, `PastEnd`, `RangeUnsupported`, `Unreadable`, or the
-   * error of a broken connection or of the page's policy.
+   * error of a broken connection, of the page's policy or of an address without a server.
    */
   async request(
     first: number | null,
@@ -213,6 +215,8 @@ export class HttpFile {
       return this.#answer(response, first, end, cancel);
     } catch (error) {
       cancel();
+      if (error instanceof TypeError && !this.hasAnswered && url.startsWith("file:"))
+        throw Object.assign(new Error(`${this.name} ${NO_SERVER}`), { final: true });
       // Without a response, the server may have rejected the CORS preflight, which only range requests need.
       if (error instanceof TypeError && first !== null && this.ranges === "unknown" && !this.#partial)
         throw new RangeUnsupported(error.message);
