@@ -186,3 +186,72 @@ test("sessions with localhost are tried at 127.0.0.1 first", async () => {
   for (const url of ["https://notlocalhost:4840/a", "https://localhost.example/a", "https://127.0.0.1:4840/a"])
     assert.deepEqual(await triedFor(url), [url]);
 });
+
+test("after a session with localhost was open, a failed handshake is not repeated at the other address", async () => {
+  const world = globalThis as Record<string, unknown>,
+    url = "https://localhost:4841/splatwire",
+    options = { isRetry: true, isOnlySource: true };
+  for (const answering of ["127.0.0.1", "localhost"]) {
+    const tried: string[] = [];
+    let isUp = true;
+    world["WebTransport"] = class {
+      readonly ready: Promise<void>;
+      readonly closed = new Promise(() => undefined);
+      readonly datagrams = {};
+      constructor(address: string) {
+        tried.push(new URL(address).hostname);
+        const isOpen = isUp && tried.at(-1) === answering;
+        this.ready = isOpen ? Promise.resolve() : Promise.reject(new Error("refused"));
+      }
+      createBidirectionalStream = (): Promise<never> => Promise.reject(new Error("the end"));
+      close(): void {}
+    };
+    const session = { url: `${url}/${answering}` },
+      attempt = (): Promise<unknown> =>
+        receiveDatagrams(session, "a", {} as Listener, null, options).catch(
+          (error: unknown) => (error as Error).message,
+        );
+    try {
+      assert.equal(await attempt(), "the end");
+      tried.length = 0;
+      isUp = false;
+      assert.equal(await attempt(), "refused");
+      assert.deepEqual(tried, [answering]);
+    } finally {
+      delete world["WebTransport"];
+    }
+  }
+});
+
+test("a handshake that the browser delays by more than a minute is waited for if there is no other source", async () => {
+  const world = globalThis as Record<string, unknown>;
+  for (const isOnlySource of [false, true]) {
+    let numTried = 0,
+      ended = "";
+    world["WebTransport"] = class {
+      readonly ready = new Promise<void>((resolve) => setTimeout(resolve, 90_000));
+      readonly closed = new Promise(() => undefined);
+      readonly datagrams = {};
+      constructor() {
+        numTried++;
+      }
+      createBidirectionalStream = (): Promise<never> => Promise.reject(new Error("open"));
+      close(): void {}
+    };
+    mock.timers.enable({ apis: ["setTimeout"] });
+    try {
+      receiveDatagrams({ url: "https://scenes.example/" }, "a", {} as Listener, null, {
+        isRetry: true,
+        isOnlySource,
+      }).catch((error: unknown) => (ended = (error as Error).message));
+      while (!ended) {
+        await new Promise((resolve) => setImmediate(resolve));
+        mock.timers.tick(1000);
+      }
+      assert.deepEqual([ended, numTried], [isOnlySource ? "open" : "no answer to a WebTransport session", 1]);
+    } finally {
+      mock.timers.reset();
+      delete world["WebTransport"];
+    }
+  }
+});

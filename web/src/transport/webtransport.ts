@@ -55,10 +55,10 @@ const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
  */
 const MAX_FAILED_HANDSHAKES = 2;
 /**
- * `SESSION_TIMEOUT_MS` for further sessions of a stream without another source, milliseconds: Chromium may delay their
- * handshakes.
+ * `SESSION_TIMEOUT_MS` for further sessions of a stream without another source, milliseconds. After many failures, Chromium
+ * delays their handshakes by up to 90 s; a shorter limit would end each one before it begins.
  */
-const ONLY_SOURCE_TIMEOUT_MS = 20_000;
+const ONLY_SOURCE_TIMEOUT_MS = 120_000;
 
 /**
  * A character that a server accepts in no name: Python's `isprintable` is false for it. The two may know different
@@ -280,22 +280,31 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
   }
 }
 
+/** URLs at which a session was opened, by the URL with `localhost`. */
+const openedAt = new Map<string, string>();
+
 /**
  * Opens a session. For `localhost`, Chromium tries only [::1], and servers listen on 127.0.0.1 by default, which is
- * therefore tried first.
+ * therefore tried first. Only one of the two is tried again after a session was open, because each failed handshake
+ * delays the next ones.
  */
 async function openSession(session: SessionAddress, options: SessionOptions): Promise<WebTransport> {
-  const url = new URL(session.url);
-  if (/(^|\.)localhost\.?$/.test(url.hostname)) {
-    url.hostname = "127.0.0.1";
-    try {
-      return await openSessionAt({ ...session, url: url.href }, options);
-    } catch (error) {
-      if ((error as Error).message === NO_ANSWER) throw error;
-      // nothing listens there: the server may listen on [::1]
-    }
+  const url = new URL(session.url),
+    known = openedAt.get(session.url);
+  if (!/(^|\.)localhost\.?$/.test(url.hostname)) return openSessionAt(session, options);
+  if (known) return openSessionAt({ ...session, url: known }, options);
+  url.hostname = "127.0.0.1";
+  try {
+    const transport = await openSessionAt({ ...session, url: url.href }, options);
+    openedAt.set(session.url, url.href);
+    return transport;
+  } catch (error) {
+    if ((error as Error).message === NO_ANSWER) throw error;
+    // nothing listens there: the server may listen on [::1]
   }
-  return openSessionAt(session, options);
+  const transport = await openSessionAt(session, options);
+  openedAt.set(session.url, session.url);
+  return transport;
 }
 
 /**
