@@ -187,7 +187,7 @@ test("sessions with localhost are tried at 127.0.0.1 first", async () => {
     assert.deepEqual(await triedFor(url), [url]);
 });
 
-test("after a session with localhost was open, a failed handshake is not repeated at the other address", async () => {
+test("after a session with localhost was open, failed handshakes are not repeated at the other address", async () => {
   const world = globalThis as Record<string, unknown>,
     url = "https://localhost:4841/splatwire",
     options = { isRetry: true, isOnlySource: true };
@@ -223,7 +223,7 @@ test("after a session with localhost was open, a failed handshake is not repeate
   }
 });
 
-test("a handshake that the browser delays by more than a minute is waited for if there is no other source", async () => {
+test("a handshake that the browser delays by 90 s is waited for if there is no other source", async () => {
   const world = globalThis as Record<string, unknown>;
   for (const isOnlySource of [false, true]) {
     let numTried = 0,

@@ -55,8 +55,8 @@ const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
  */
 const MAX_FAILED_HANDSHAKES = 2;
 /**
- * `SESSION_TIMEOUT_MS` for further sessions of a stream without another source, milliseconds. After many failures, Chromium
- * delays their handshakes by up to 90 s; a shorter limit would end each one before it begins.
+ * `SESSION_TIMEOUT_MS` for further sessions of a stream without another source, milliseconds. After many failures,
+ * Chromium delays their handshakes by up to 90 s; a shorter limit would end each one before it begins.
  */
 const ONLY_SOURCE_TIMEOUT_MS = 120_000;
 
