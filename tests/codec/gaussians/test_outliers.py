@@ -120,3 +120,11 @@ def test_scene_far_from_the_origin_is_not_relocated() -> None:
     decoded = decode_stream(encode_scene(SplatScene(splats))).scene.splats
     middles = (some.means.mean(axis=0, dtype=np.float64) for some in (decoded, splats))
     assert_close(*middles, atol=0.02, rtol=0)
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_gaussians_at_one_place_far_from_0_are_encoded(count: int) -> None:
+    splats = cloud().select(np.arange(count))
+    splats = dataclasses.replace(splats, means=np.tile(np.float32([520, -330, 61000]), (count, 1)))
+    found = decode_stream(encode_scene(SplatScene(splats), PRESETS["paper"])).scene.splats
+    assert_close(found.means, splats.means, rtol=0, atol=1e-3)

@@ -70,7 +70,9 @@ def log2_scene_size(splats: Splats) -> int:
 
     parallel_map(square, range(0, len(squares), CACHE_GAUSSIANS))
     distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
-    return int(np.clip(np.floor(np.log2(max(distance, 1e-12))), -32, 32))
+    # Gaussians without a spread, such as a single one, can be far from 0: their lattice has to reach them.
+    distance = max(distance, float(np.abs(middle).max()) * 2.0**-36, 1e-12)
+    return int(np.clip(np.floor(np.log2(distance)), -32, 32))
 
 
 def to_sources(splats: Splats, size_log: int) -> Sources:
