@@ -161,6 +161,16 @@ def test_errors_are_one_line_without_control_characters(run, tmp_path):
         assert "\\x1b[2J\\u202e" in outcome.err
 
 
+def test_usage_errors_show_no_control_characters_of_file_names(run):
+    """As `inspect *` in a folder of somebody else."""
+    name = "x\x1b[2J\u202e.swz"
+    for words in (("inspect", "a.swz", name), ("serve", "a.swz", "--log-level", name)):
+        outcome = run(*words)
+        assert outcome.status == 2
+        assert not controls(outcome.err)
+        assert "\\x1b[2J\\u202e" in outcome.err
+
+
 def test_metadata_is_shown_without_control_characters(run, tmp_path, monkeypatch):
     from splatwire.cli import _run_inspect as module
 

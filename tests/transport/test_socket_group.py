@@ -234,6 +234,14 @@ def test_responses_are_limited_per_address_network_and_in_total() -> None:
     assert budget.take(("198.51.100.8", 1), WINDOW_S)
 
 
+def test_ipv4_clients_of_a_socket_for_both_versions_have_budgets_of_their_own() -> None:
+    budget = ResponseBudget()
+    for port in range(MAX_RESPONSES):
+        budget.take(("::ffff:192.0.2.1", port, 0, 0), 0.0)
+    assert not budget.may_respond(("::ffff:192.0.2.1", MAX_RESPONSES, 0, 0), 0.0)
+    assert budget.may_respond(("::ffff:192.0.2.2", 1, 0, 0), 0.0)
+
+
 def test_a_flood_of_hellos_gets_few_responses_and_others_get_theirs(
     caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -20,7 +20,7 @@ from splatwire.cli._input_warnings import DAMAGED, input_warnings
 from splatwire.cli._resources import address_space_warning, file_problem, resource_problem
 from splatwire.cli._signals import SignalErrors, StoppedError, status_of
 from splatwire.cli._startup_progress import startup_messages
-from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable_streams
+from splatwire.cli._terminal import discard_stderr, one_line, print_failure, printable, printable_streams
 from splatwire.cli._verbs import VERBS, overview, unknown_verb
 from splatwire.errors import InvalidValueError, SplatwireError, how_to_install
 from splatwire.files.atomic_write import with_final_names
@@ -252,18 +252,25 @@ def _parse(arguments: list[str]) -> Any:
             raise InvalidValueError(f"the argument {where} is empty: is a variable of the shell not set?")
     from splatwire.cli import _parsing  # imports tyro
 
-    with _help_output():
+    with _help_output(arguments):
         if arguments[0] in VERBS:
             return _parsing.parse_verb(arguments[0], arguments[1:])
         return _parsing.parse_any(arguments)
 
 
 @contextmanager
-def _help_output() -> Iterator[None]:
-    """Context in which help texts are at least `_MIN_COLUMNS` wide, and are discarded if standard output is closed."""
+def _help_output(arguments: Sequence[str]) -> Iterator[None]:
+    """Context in which help texts and errors of the option parser tyro can be printed.
+
+    They are at least `_MIN_COLUMNS` wide, and are discarded if standard output is closed. Control characters of the
+    arguments, such as those in the names of files, are escaped.
+    """
     with contextlib.ExitStack() as stack:
         if shutil.get_terminal_size().columns < _MIN_COLUMNS:
-            stack.enter_context(_columns(_MIN_COLUMNS))  # the option parser would break lines without end
+            stack.enter_context(_environment("COLUMNS", str(_MIN_COLUMNS)))  # tyro would break lines without end
+        if any(printable(word) != word for word in arguments):
+            stack.enter_context(_environment("TERM", "dumb"))  # else the colours of tyro would be escaped, too
+            stack.enter_context(printable_streams())
         if sys.stdout is None:  # tyro needs a stream
             nowhere = stack.enter_context(open(os.devnull, "w", encoding="utf-8"))
             stack.enter_context(contextlib.redirect_stdout(nowhere))
@@ -271,17 +278,17 @@ def _help_output() -> Iterator[None]:
 
 
 @contextmanager
-def _columns(count: int) -> Iterator[None]:
-    """Sets the environment variable for the width of the terminal, characters, until the end of the context."""
-    before = os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = str(count)
+def _environment(name: str, value: str) -> Iterator[None]:
+    """Sets an environment variable until the end of the context."""
+    before = os.environ.get(name)
+    os.environ[name] = value
     try:
         yield
     finally:
         if before is None:
-            del os.environ["COLUMNS"]
+            del os.environ[name]
         else:
-            os.environ["COLUMNS"] = before
+            os.environ[name] = before
 
 
 def _execute(verb: str, command: Any) -> None:

@@ -16,12 +16,15 @@ seconds or later.
 """
 MAX_NETWORK_RESPONSES = 10
 """Maximum number of these responses to one network per window, once half of `MAX_RESPONSES` is used."""
+_IPV4_MAPPED = bytes(10) + b"\xff\xff"
+"""First bytes of IPv4-mapped IPv6 addresses, ::ffff:0:0/96."""
 
 
 def network_key(address: Any) -> Hashable:
     """Returns a key for the network of a client: the IPv4 address, or the bytes of the /64 prefix of IPv6.
 
-    This function is faster than `network_of`, which also returns wider prefixes.
+    IPv4 clients of a socket for both versions have IPv4-mapped addresses, and each is a network of its own. This
+    function is faster than `network_of`, which also returns wider prefixes.
 
     Args:
         address: Socket address of the client.
@@ -30,9 +33,10 @@ def network_key(address: Any) -> Hashable:
     if ":" not in host:
         return host
     try:
-        return socket.inet_pton(socket.AF_INET6, host.partition("%")[0])[:8]
+        packed = socket.inet_pton(socket.AF_INET6, host.partition("%")[0])
     except OSError:
         return host
+    return packed if packed.startswith(_IPV4_MAPPED) else packed[:8]
 
 
 class ResponseBudget:
