@@ -37,6 +37,7 @@ def test_serve_accepts_a_plan_file(run, datagrams, tmp_path):
     assert program.schedule == make_served_stream(stream, protection).schedule
     printed = run("plan", datagrams, *words).out
     assert f"splatwire serve {datagrams} --plan {target}" in printed
+    assert f"expected {content['psnr']:.2f} dB, if the complete scene has 30 dB\n" in printed
 
 
 def test_plan_of_another_stream_or_with_conflicting_options_is_refused(run, journey, datagrams, tmp_path):

@@ -360,6 +360,7 @@ def test_a_clip_is_planned_and_served_with_parity_for_each_group(run, clip, tmp_
     printed = run("plan", clip, *words).out
     assert "group 1: parity" in printed
     assert f"splatwire serve {clip} --plan {target}" in printed
+    assert "dB, if the finest stream has 45 dB\n" in printed
 
 
 def test_encode_turns_a_splatv_file_into_a_clip(run, tmp_path):

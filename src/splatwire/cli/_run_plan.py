@@ -17,11 +17,11 @@ from splatwire.errors import InvalidValueError
 from splatwire.files.atomic_write import atomic_write
 from splatwire.planning.distortion import StreamVariant
 from splatwire.planning.feedback import plan_retransmission
-from splatwire.planning.measure import measured_variant
+from splatwire.planning.measure import ASSUMED_BASE_MSE, measured_variant
 from splatwire.planning.plan_file import plan_content
 from splatwire.planning.planner import ScenePlan, plan_protection
 from splatwire.planning.sequence.planner import SequencePlan, plan_sequence
-from splatwire.planning.sequence.variants import common_timeline, sequence_variants
+from splatwire.planning.sequence.variants import ASSUMED_PSNR, common_timeline, sequence_variants
 from splatwire.planning.transfer_model import model_transfer
 from splatwire.transport.protocol.protection import Protection
 
@@ -39,7 +39,7 @@ def run(command: PlanCommand) -> None:
         _plan_sequences(command, streams, loss)
         return
     if command.reference is not None:
-        raise InvalidValueError("--reference is for clips: a still scene is compared with --data")
+        raise InvalidValueError("--reference is for clips: a still scene is compared with itself, without losses")
     cameras = None if command.data is None else open_dataset(command.data, split="train").cameras
     with progress_bars() as report:
         offers = [
@@ -80,7 +80,7 @@ def _plan_sequences(command: PlanCommand, streams: Sequence[SceneStream], loss: 
     path, stream = command.streams[plan.variant], streams[plan.variant]
     facts = {**asdict(plan), "loss": loss.name, "stream": path}
     content = plan_content(plan.protection, stream.manifest.stream_id, facts)
-    _print_result(command, content, path, lambda how: _print_sequence_plan(plan, how))
+    _print_result(command, content, path, lambda how: _print_sequence_plan(command, plan, how))
 
 
 def _check(command: PlanCommand) -> None:
@@ -167,14 +167,17 @@ def _read(path: str) -> SceneStream:
 
 def _print_plan(plan: ScenePlan, elements: str, how: str) -> None:
     lost = ", ".join(f"{share:.1%}" for share in plan.lost)
-    print(f"expected {plan.psnr:.2f} dB; side information arrives in {plan.head_arrives:.1%} of transfers")
+    complete = -10 * math.log10(ASSUMED_BASE_MSE)
+    print(f"expected {plan.psnr:.2f} dB, if the complete scene has {complete:.0f} dB")
+    print(f"side information arrives in {plan.head_arrives:.1%} of transfers")
     print(f"{elements} lost, tier by tier: {lost}")
     print(f"protection {plan.protection_share:.1%} of all bytes; {plan.sent_bytes:,} bytes sent within the budget")
     print(how)
 
 
-def _print_sequence_plan(plan: SequencePlan, how: str) -> None:
-    print(f"expected {plan.psnr:.2f} dB, without parity {plan.unprotected:.2f} dB")
+def _print_sequence_plan(command: PlanCommand, plan: SequencePlan, how: str) -> None:
+    assumed = f", if the finest stream has {ASSUMED_PSNR:.0f} dB" if command.reference is None else ""
+    print(f"expected {plan.psnr:.2f} dB, without parity {plan.unprotected:.2f} dB{assumed}")
     for group, ((share, repair), lost) in enumerate(zip(plan.protection.motion, plan.lost, strict=True)):
         print(f"group {group}: parity {repair:.0%} for {share:.0%} of the motion, of which {lost:.1%} is lost")
     print(f"parity {plan.parity_bytes / plan.sent_bytes:.1%} of {plan.sent_bytes:,} bytes")
