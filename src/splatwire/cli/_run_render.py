@@ -65,7 +65,7 @@ def _draw_sequence(command: Render, stream: SceneStream, cameras: Cameras | None
 
 def _draw_scene(command: Render, source: Path, cameras: Cameras | None, background: Background | None) -> None:
     concealer = create_concealer(command.conceal or "drop")
-    check_folder(command.output, "name a folder; `thumb` draws one picture")
+    check_folder(command.output, "name a folder; `thumb` draws one picture, and `encode` makes a clip of frames")
     _check_earlier_cameras(command.output / _CAMERAS_NAME)
     scene, num_lost = drawable_scene(source, concealer)
     if cameras is None:

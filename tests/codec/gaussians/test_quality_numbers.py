@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from splatwire.codec.gaussians.quality import QUALITIES, QUALITY_NUMBERS, quality_of
+from splatwire.codec.gaussians.quality import QUALITIES, QUALITY_NUMBERS, Quality, quality_of
 from splatwire.errors import InvalidValueError
 
 
@@ -25,3 +25,8 @@ def test_steps_of_every_class_become_finer_with_the_number(degree):
 def test_numbers_out_of_range_are_refused(number):
     with pytest.raises(InvalidValueError, match="quality"):
         quality_of(number)
+
+
+def test_quality_number_as_a_level_is_explained():
+    with pytest.raises(InvalidValueError, match=r"level is -8 to 24 .*, not 60 and 0; .* such as quality=60"):
+        Quality(60)

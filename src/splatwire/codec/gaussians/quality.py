@@ -47,7 +47,8 @@ class Quality:
         check_fields(self)
         if not -8 <= self.level <= 24 or not -16 <= self.position <= 16:
             raise InvalidValueError(
-                f"a quality of level {self.level} with positions finer by {self.position} is not possible"
+                f"Quality: level is -8 to 24 and position -16 to 16, not {self.level:g} and {self.position:g}; "
+                "numbers from 0 to 100 are given without it, such as quality=60"
             )
         if len(self.precision) != len(STEPS) or not all(-16 <= octaves <= 16 for octaves in self.precision):
             raise InvalidValueError(f"a precision has {len(STEPS)} numbers from -16 to 16, not {self.precision}")
