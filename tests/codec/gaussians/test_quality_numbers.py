@@ -29,4 +29,4 @@ def test_numbers_out_of_range_are_refused(number):
 
 def test_quality_number_as_a_level_is_explained():
     with pytest.raises(InvalidValueError, match=r"level is -8 to 24 .*, not 60 and 0; .* such as quality=60"):
-        Quality(60)
+        Quality(60.0)
