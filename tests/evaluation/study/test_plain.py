@@ -32,7 +32,9 @@ from splatwire.evaluation.study import (
     write_report,
 )
 from splatwire.evaluation.study import inputs as study_inputs
+from splatwire.evaluation.study.lead import terms_of
 from splatwire.evaluation.study.pictures import take_pictures
+from splatwire.evaluation.study.tables import Table
 from splatwire.metrics import psnr
 from splatwire.render import render_scene
 
@@ -114,6 +116,13 @@ def test_infinite_psnr_is_null_in_json_and_reported(rows, evaluation):
     assert rows["no loss"]["psnr"] is None
     assert rows["no loss"]["exact"]
     assert all(math.isinf(record.psnr) for record in records(evaluation[1], "no loss", None))
+
+
+def test_report_explains_infinite_means():
+    table = Table("scene", ("row", "PSNR", "bytes"), (("drop", "infinite", "8"), ("sketch", "30.00", "9")))
+    terms = dict(terms_of([table]))
+    assert list(terms) == ["PSNR", "drop", "infinite", "sketch"]
+    assert "equal their references" in terms["infinite"]
 
 
 def test_each_received_stream_is_decoded_once(folder, tmp_path):

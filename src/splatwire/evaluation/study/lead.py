@@ -13,6 +13,7 @@ from splatwire.evaluation.study.tables import Table
 
 TERMS = {
     "PSNR": "peak signal-to-noise ratio in decibels: higher is better, and 3 dB more is half of the squared error",
+    "infinite": "PSNR if some pictures, but not all, equal their references",
     "SSIM": "structural similarity of two pictures: 1 for equal ones",
     "LPIPS": "perceptual distance of two pictures that a network has learned: 0 for equal ones",
     "LPIPS [0, 1]": "LPIPS of pictures in [0, 1], not scaled to [-1, 1]: the variant in the tables of 3DGS and HAC++",
@@ -32,7 +33,7 @@ TERMS = {
     "kriging": "lost attributes are conditional means given 16 neighbours",
     "gnn": "the paper's network fills lost attributes",
 }
-"""Glossary: explanations of column and row names."""
+"""Glossary: explanations of names of columns and rows, and of words in cells."""
 
 
 @dataclass(frozen=True)
@@ -234,5 +235,6 @@ def terms_of(tables: Sequence[Table]) -> list[tuple[str, str]]:
     Args:
         tables: Tables of the report.
     """
-    names = [*(name for table in tables for name in table.columns), *(row[0] for table in tables for row in table.rows)]
+    cells = (cell for table in tables for row in table.rows for cell in row)
+    names = [*(name for table in tables for name in table.columns), *cells]
     return [(name, TERMS[name]) for name in dict.fromkeys(names) if name in TERMS]
