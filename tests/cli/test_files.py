@@ -255,6 +255,7 @@ def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monk
     [
         (("render", "{scene}"), "picture.png"),
         (("render", "{scene}"), "picture.webp"),
+        (("render", "{scene}"), "turn.mp4"),
         (("evaluate", "{scene}", "--reference", "{scene}"), "report.html"),
         (("compare", "{scene}", "{scene}"), "report.html"),
         (("publish", "{scene}"), "page.html"),

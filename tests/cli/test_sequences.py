@@ -374,7 +374,10 @@ def test_encode_turns_a_splatv_file_into_a_clip(run, tmp_path):
     assert "--fps, --group and --frames are for clips" in run("encode", target, "-o", "b.swz", "--frames", 3).err
 
 
-@pytest.mark.parametrize(("name", "words"), [("one.ply", "has no such suffix"), ("-", "standard output cannot be")])
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("one.ply", "has no such suffix"), ("all.mp4", "has no such suffix"), ("-", "standard output cannot be")],
+)
 def test_frames_are_not_written_to_a_folder_that_looks_like_a_file(run, clip, tmp_path, monkeypatch, name, words):
     monkeypatch.chdir(tmp_path)
     outcome = run("decode", clip, "-o", name)

@@ -33,6 +33,10 @@ _FORMATS = {
     ".jpg": "a picture",
     ".jpeg": "a picture",
     ".webp": "a picture",
+    ".gif": "a picture",
+    ".mp4": "a video",
+    ".mov": "a video",
+    ".webm": "a video",
 }
 """File format that each known suffix stands for."""
 _HEAD_BYTES = 1 << 16
