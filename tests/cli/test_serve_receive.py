@@ -436,6 +436,16 @@ def test_frames_of_a_live_clip_are_not_mixed_with_earlier_ones(tmp_path: Path, m
     assert list(earlier.parent.iterdir()) == [earlier]
 
 
+def test_live_clips_are_received_without_follow(tmp_path: Path, monkeypatch, capsys):
+    async def transfer(options, on_event, *, stop) -> Receiver:
+        on_event(Welcomed(1, 1, is_live=True))
+        return Receiver(1, 0.0)
+
+    monkeypatch.setattr(_run_receive, "transfer_of", lambda trust, address: transfer)
+    assert call("receive", "udp://h/live", "-o", str(tmp_path / "a.swz"), "--follow") == 2
+    assert "udp://h/live is a live clip: receive it without --follow" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["a.ply", "a.SPZ"])
 def test_live_clip_is_not_written_to_a_folder_with_the_name_of_a_file(name: str, tmp_path: Path, capsys):
     frames, target = tmp_path / "frames", tmp_path / name

@@ -134,9 +134,14 @@ def _follow(command: Receive, address: Address, options: ReceiverOptions) -> Non
     async def receive(stop: asyncio.Future[None], began: float) -> None:
         nonlocal num_written
 
+        def on_event(event: Event) -> None:
+            if isinstance(event, Welcomed) and event.is_live:
+                raise InvalidValueError(f"{without_token(command.url)} is a live clip: receive it without --follow")
+            print_waiting(event)
+
         async def fetch(name: str) -> Receiver:
-            on_event = print_waiting if name == address.name else print_interruption
-            return await transfer(replace(options, name=name), on_event, stop=stop)
+            report = on_event if name == address.name else print_interruption
+            return await transfer(replace(options, name=name), report, stop=stop)
 
         async for stream in decoding.follow(fetch, address.name, print_warning):
             with _output(command) as path, progress_bars() as show:
