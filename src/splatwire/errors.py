@@ -177,7 +177,7 @@ class BackendUnavailableError(SplatwireError):
 
 
 class DivergedError(SplatwireError):
-    """A training run has diverged: its loss is not finite, or all anchors were removed.
+    """A training run has diverged: its loss or state is not finite, or every anchor has become transparent.
 
     Args:
         iteration: Iteration at which this was detected.

@@ -14,10 +14,17 @@ test("embed code refers to the script of this page", () => {
   assert.match(code, /src="https:\/\/host\/a\/scene\.swz\?x=1&amp;y=2"/);
 });
 
-test("embed code repeats attributes and names no version of the stream", () => {
-  const tagged = new URL("https://host/streams/scene.swz?7f753abe6c627689"),
-    code = embedCode(tagged, "https://host/splatwire.js", { up: "y", viewpoint: '0 0 "1' })!;
-  assert.match(code, /src="https:\/\/host\/streams\/scene\.swz" up="y" viewpoint="0 0 &quot;1" style=/);
+test("embed code names no version of the stream, also of a private one or with a fragment", () => {
+  for (const folder of ["streams", "private"]) {
+    const tagged = `https://host/${folder}/scene.swz?7f753abe6c627689`;
+    assert.match(embedCode(new URL(tagged), "https://host/splatwire.js")!, /\/scene\.swz" style=/);
+    assert.match(embedCode(new URL(`${tagged}#x`), "https://host/splatwire.js")!, /\/scene\.swz#x" style=/);
+  }
+});
+
+test("embed code repeats attributes", () => {
+  const code = embedCode(STREAM, "https://host/splatwire.js", { up: "y", viewpoint: '0 0 "1' })!;
+  assert.match(code, /y=2" up="y" viewpoint="0 0 &quot;1" style=/);
 });
 
 test("embed code keeps the query of a file on another server", () => {

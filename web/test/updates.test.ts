@@ -147,6 +147,7 @@ async function followed(
     await new Promise((resolve) => setImmediate(resolve));
     mock.timers.tick(500);
   }
+  assert.ok(said.some(({ kind }) => kind === "update"));
   await reception.conceal({
     kind: "conceal",
     simulation: { concealer: "drop", lossRate: 0.5, burstLength: 1, seed: 3, sentShare: 1 },

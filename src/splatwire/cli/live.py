@@ -26,6 +26,6 @@ class Live(Listening):
     """Quantisation quality, 0 (smallest) to 100 (finest), or a name: small (40), default (60) or near-lossless (85)."""
     plan: Path | None = None
     """Parity for each group of frames: a file that `splatwire plan -o FILE` wrote for a similar recording. The
-    plan begins again with each period, after 120 groups or 64 MiB."""
+    plan begins again with each period: after 120 groups or 64 MiB, or when the encoder starts again."""
     protect: tuple[str, ...] = ()
     """Without --plan: motion=REPAIR, the number of repair symbols per motion packet."""

@@ -1,4 +1,5 @@
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -127,24 +128,45 @@ def test_diverging_run_is_reported(dataset: Dataset, config: TrainConfig) -> Non
     assert caught.value.iteration == 1
 
 
+@pytest.mark.parametrize("part", ["parameters.features", "second.features", "statistics.gradient_sum", "steering"])
 def test_a_diverged_run_that_is_stopped_keeps_the_checkpoint_before(
-    dataset: Dataset, config: TrainConfig, tmp_path: Path
+    dataset: Dataset, config: TrainConfig, tmp_path: Path, part: str
 ) -> None:
     path, state, seen = tmp_path / "run.checkpoint", initial_state(dataset, config), list[Progress]()
 
     def stop() -> bool:
         if len(seen) < 6:
             return False
+        if part == "steering":
+            state.size_controller = dataclasses.replace(state.size_controller, log_error=math.inf)
+            return True
+        parts = {
+            "parameters.features": state.parameters["features"],
+            "second.features": state.moments["features"].second,
+            "statistics.gradient_sum": state.statistics.gradient_sum,
+        }
         with torch.no_grad():
-            state.parameters["features"][0] = torch.nan
+            parts[part][0] = torch.nan
         return True
 
     listener = Listener(progress=seen.append, should_stop=stop)
-    with pytest.raises(DivergedError):
+    with pytest.raises(DivergedError, match=f"iteration 6: '.*{part.split('.')[-1]}' is not finite"):
         train_scene(
             dataset, None, config, state=state, options=RunOptions(path, checkpoint_interval=5), listener=listener
         )
     assert load_checkpoint(path)[0].iteration == 5
+
+
+def test_a_run_without_checkpoints_exports_no_scene_that_is_not_finite(dataset: Dataset, config: TrainConfig) -> None:
+    state = initial_state(dataset, config)
+
+    def stop() -> bool:
+        with torch.no_grad():
+            state.parameters["features"][0] = torch.nan
+        return True
+
+    with pytest.raises(DivergedError, match="iteration 1: 'features' is not finite"):
+        train_scene(dataset, None, config, state=state, listener=Listener(should_stop=stop))
 
 
 def test_damaged_photo_is_detected_before_training(dataset: Dataset, config: TrainConfig, tmp_path: Path) -> None:

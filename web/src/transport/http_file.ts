@@ -47,7 +47,7 @@ const PASSING = [408, 425, 429, 500];
  * Query of a stream's URL on the servers of splatwire: the tag of its content. Proxies keep such a URL for a year, and
  * may keep a part of it from before the file was replaced.
  */
-const CONTENT_TAG = /(\/(?:streams|private)\/[^?#]+)\?[0-9a-f]{16}$/;
+const CONTENT_TAG = /(\/(?:streams|private)\/[^?#]+)\?[0-9a-f]{16}(?=#|$)/;
 const NO_SERVER =
   "is on no web server, so it cannot be requested: pages need a server (http), and `decode` takes the bytes of a file";
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.arguments import checked
-from splatwire.errors import MALFORMED, BitstreamError, InvalidValueError
+from splatwire.errors import MALFORMED, BitstreamError, DivergedError, InvalidValueError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.config import STORED_NAME, TrainConfig
 from splatwire.neural.training.initial import parameter_shapes
@@ -40,8 +40,10 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         path: Path of the file; its folder must exist.
 
     Raises:
+        DivergedError: If a value is not finite, so that the checkpoint could not be loaded.
         OSError: If the file cannot be written.
     """
+    steering = _controller_to_list(state.size_controller)
     tensors = {
         "voxels": state.voxels,
         "bounds_min": state.bounds_min,
@@ -63,11 +65,13 @@ def save_checkpoint(state: TrainState, config: TrainConfig, path: Path) -> None:
         "origin": state.origin,
         "photo_size": state.photo_size,
         "metadata": metadata_to_json(state.metadata),
-        "steering": _controller_to_list(state.size_controller),
+        "steering": steering,
         "steps": {_stored(name): moments.steps for name, moments in state.moments.items()},
         "means": sorted(map(_stored, state.parameter_means)),
         "config": record_to_json(config),
     }
+    numbers = torch.tensor([value for value in steering if value is not None])
+    check_finite({**tensors, "steering": numbers}, state.iteration)
     write_tensors(tensors, header, path)
 
 
@@ -184,6 +188,21 @@ def _controller(value: list[float | None]) -> SizeController:
         None if log_error is None else float(log_error),
         None if ratio is None else float(ratio),
     )
+
+
+def check_finite(tensors: Mapping[str, Tensor], iteration: int) -> None:
+    """Checks that all values of a training's state are finite.
+
+    Args:
+        tensors: Tensors of the state by name.
+        iteration: The current iteration, for the message.
+
+    Raises:
+        DivergedError: If a value is not finite.
+    """
+    for name, value in tensors.items():
+        if value.is_floating_point() and not bool(torch.isfinite(value).all()):
+            raise DivergedError(iteration, f"'{name}' is not finite")
 
 
 def checked_tensor(

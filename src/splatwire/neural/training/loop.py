@@ -10,7 +10,8 @@ from torch import Tensor
 
 from splatwire.arguments import check_fields
 from splatwire.data import Dataset
-from splatwire.errors import DatasetError, DivergedError, InvalidValueError, shown, whole_number
+from splatwire.errors import DatasetError, InvalidValueError, shown, whole_number
+from splatwire.neural.training.checkpoint import check_finite
 from splatwire.neural.training.kernels import Kernels
 from splatwire.neural.training.photometric_loss import Photo
 from splatwire.neural.training.photos import PhotoStore, check_photos
@@ -147,8 +148,8 @@ class TrainingLoop:
 
         Raises:
             DatasetError: If a resumed training had more views than `photos`.
-            DivergedError: If the loss is not finite, or a parameter is not finite when a checkpoint is due. The
-                checkpoint before is then kept.
+            DivergedError: If the loss is not finite, or a parameter or other part of the state is not finite when a
+                checkpoint is due. The checkpoint before is then kept.
             OSError: If a checkpoint cannot be written.
         """
         if max(training.state.view_queue, default=0) >= self.train_data.num_views:
@@ -206,10 +207,9 @@ class TrainingLoop:
         """Writes a checkpoint if the options name a checkpoint file.
 
         Raises:
-            DivergedError: If a parameter is not finite.
+            DivergedError: If a parameter is not finite, with or without a checkpoint file; or another part of the
+                state that the checkpoint would contain.
         """
-        if self.options.checkpoint is None:
-            return
-        if not all(bool(torch.isfinite(value).all()) for value in training.state.parameters.values()):
-            raise DivergedError(training.state.iteration)
-        training.save(self.options.checkpoint)
+        check_finite(training.state.parameters, training.state.iteration)
+        if self.options.checkpoint is not None:
+            training.save(self.options.checkpoint)

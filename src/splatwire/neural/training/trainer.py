@@ -72,7 +72,7 @@ def train_scene(
     Raises:
         BackendUnavailableError: If the device or its renderer is not available. Checked first.
         DatasetError: If the photos, poses or points are unusable. Checked before the first iteration.
-        DivergedError: If the loss is not finite.
+        DivergedError: If the loss or a part of the state is not finite, or every anchor has become transparent.
         OSError: If a checkpoint cannot be written.
     """
     options, listener = options or RunOptions(), listener or Listener()

@@ -12,6 +12,7 @@ import fake_gsplat
 from fake_device import DEVICE, fake_device
 from neural.training.conftest import NUM_VIEWS
 from splat_io.formats.test_origin import UTM
+from splatwire.anchors.tensor_file import read_tensors, write_tensors
 from splatwire.codec import decode_stream, encode_scene
 from splatwire.data import Dataset
 from splatwire.errors import BitstreamError, DatasetError, DivergedError, InvalidValueError
@@ -27,6 +28,7 @@ from splatwire.neural.training.gaussians import (
     save_gaussian_checkpoint,
     train_gaussians,
 )
+from splatwire.neural.training.gaussians.checkpoint import FORMAT, VERSION
 from splatwire.neural.training.gaussians.config import GaussianRates
 from splatwire.neural.training.gaussians.initial import initial_gaussians
 from splatwire.neural.training.gaussians.step import GaussianStep, seen_gaussians
@@ -232,9 +234,11 @@ def test_invalid_configurations_are_errors(options: dict, message: str) -> None:
 def test_damaged_checkpoint_is_an_error(dataset: Dataset, tmp_path: Path) -> None:
     path = tmp_path / "run.checkpoint"
     state = initial_gaussians(dataset, CONFIG)
-    with torch.no_grad():
-        state.parameters["means"][3] = torch.nan
     save_gaussian_checkpoint(state, CONFIG, path)
+    tensors, header = read_tensors(path, FORMAT, VERSION)
+    means = tensors["parameters.means"].copy()
+    means[3] = np.nan
+    write_tensors({**tensors, "parameters.means": means}, header, path)
     with pytest.raises(BitstreamError, match="means"):
         load_gaussian_checkpoint(path)
     path.write_bytes(b"nothing")

@@ -11,6 +11,7 @@ from splatwire.arguments import checked
 from splatwire.errors import MALFORMED, BitstreamError
 from splatwire.neural.model.tensors import to_tensors
 from splatwire.neural.training.checkpoint import (
+    check_finite,
     checked_tensor,
     read_moments,
     read_photo_size,
@@ -35,6 +36,7 @@ def save_gaussian_checkpoint(state: GaussianState, config: GaussianConfig, path:
         path: Path of the file; its folder must exist.
 
     Raises:
+        DivergedError: If a value is not finite, so that the checkpoint could not be loaded.
         OSError: If the file cannot be written.
     """
     tensors = {
@@ -54,6 +56,7 @@ def save_gaussian_checkpoint(state: GaussianState, config: GaussianConfig, path:
         "steps": {name: moments.steps for name, moments in state.moments.items()},
         "config": record_to_json(config),
     }
+    check_finite(tensors, state.iteration)
     write_tensors(tensors, header, path)
 
 

@@ -79,7 +79,7 @@ def train_gaussians(
     Raises:
         BackendUnavailableError: If the device or its renderer is not available. Checked first.
         DatasetError: If the photos, poses or points are unusable. Checked before the first iteration.
-        DivergedError: If the loss is not finite.
+        DivergedError: If the loss or a part of the state is not finite.
         InvalidValueError: If no visible Gaussian is left.
         OSError: If a checkpoint cannot be written.
     """
