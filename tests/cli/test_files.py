@@ -256,6 +256,9 @@ def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monk
         (("render", "{scene}"), "picture.png"),
         (("render", "{scene}"), "picture.webp"),
         (("render", "{scene}"), "turn.mp4"),
+        (("render", "{scene}"), "turn.AVI"),
+        (("render", "{scene}"), "picture.tif"),
+        (("compare", "{scene}", "{scene}"), "report.csv"),
         (("evaluate", "{scene}", "--reference", "{scene}"), "report.html"),
         (("compare", "{scene}", "{scene}"), "report.html"),
         (("publish", "{scene}"), "page.html"),
@@ -266,7 +269,9 @@ def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monk
 def test_a_new_folder_is_not_named_like_a_file(run, journey, tmp_path, words, name):
     done = run(*(word.format(scene=journey / "tiny.scene") for word in words), "-o", tmp_path / name)
     assert_complains(done, name, "but a folder is written")
-    assert ("`thumb` draws one picture, and `encode` makes a clip" in done.err) is (words[0] == "render")
+    assert ("`thumb` draws one picture, and a clip, which `encode` makes of files of Gaussians" in done.err) is (
+        words[0] == "render"
+    )
     assert not list(tmp_path.iterdir())
 
 

@@ -376,7 +376,13 @@ def test_encode_turns_a_splatv_file_into_a_clip(run, tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("one.ply", "has no such suffix"), ("all.mp4", "has no such suffix"), ("-", "standard output cannot be")],
+    [
+        ("one.ply", "has no such suffix"),
+        ("all.mp4", "has no such suffix"),
+        ("all.splat4d", "has no such suffix"),
+        ("all.usdz", "has no such suffix"),
+        ("-", "standard output cannot be"),
+    ],
 )
 def test_frames_are_not_written_to_a_folder_that_looks_like_a_file(run, clip, tmp_path, monkeypatch, name, words):
     monkeypatch.chdir(tmp_path)

@@ -161,10 +161,17 @@ def test_errors_are_one_line_without_control_characters(run, tmp_path):
         assert "\\x1b[2J\\u202e" in outcome.err
 
 
-def test_usage_errors_show_no_control_characters_of_file_names(run):
+def test_usage_errors_show_no_control_characters_of_file_names(run, tmp_path):
     """As `inspect *` in a folder of somebody else."""
-    name = "x\x1b[2J\u202e.swz"
-    for words in (("inspect", "a.swz", name), ("serve", "a.swz", "--log-level", name)):
+    name, config = "x\x1b[2J\u202e.swz", tmp_path / "serve.toml"
+    config.write_text(r'log-level = "\u001b[2J\u202e"')
+    usages = (
+        ("inspect", "a.swz", name),
+        ("serve", "a.swz", "--log-level", name),
+        ("serve", "a.swz", "--config", config),
+        ("serve", "a.swz", f"--config={config}"),
+    )
+    for words in usages:
         outcome = run(*words)
         assert outcome.status == 2
         assert not controls(outcome.err)

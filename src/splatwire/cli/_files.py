@@ -34,11 +34,35 @@ _FORMATS = {
     ".jpeg": "a picture",
     ".webp": "a picture",
     ".gif": "a picture",
+    ".apng": "a picture",
+    ".avif": "a picture",
+    ".bmp": "a picture",
+    ".tif": "a picture",
+    ".tiff": "a picture",
+    ".exr": "a picture",
     ".mp4": "a video",
+    ".m4v": "a video",
     ".mov": "a video",
+    ".mkv": "a video",
+    ".avi": "a video",
     ".webm": "a video",
 }
 """File format that each known suffix stands for."""
+_NO_FOLDERS = _FORMATS | {
+    ".usd": "a USD file",
+    ".usda": "a USD file",
+    ".usdc": "a USD file",
+    ".usdz": "a USD file",
+    ".4dgs": "a .4dgs file",
+    ".splat4d": "a .splat4d file",
+    ".splatv": "a .splatv file",
+    ".htm": "a page",
+    ".pdf": "a PDF",
+    ".csv": "a table",
+    ".md": "a text",
+    ".txt": "a text",
+}
+"""File format of each suffix that a new folder may not have."""
 _HEAD_BYTES = 1 << 16
 
 
@@ -213,7 +237,7 @@ def check_folder(path: Path, instead: str = "name a folder") -> None:
         raise InvalidValueError("a folder is written, which standard output cannot be: give -o a name")
     if path.exists() and not path.is_dir():
         raise InvalidValueError(f"{path}: not a folder, so nothing can be written into it")
-    if not path.exists() and (named := _FORMATS.get(path.suffix.lower())) is not None:
+    if not path.exists() and (named := _NO_FOLDERS.get(path.suffix.lower())) is not None:
         raise InvalidValueError(f"{path}: the name says {named}, but a folder is written: {instead}")
     check_writable(path, inside=True)
 
@@ -228,7 +252,7 @@ def check_folder_name(name: str, instead: str) -> None:
     Raises:
         InvalidValueError: If the name has such a suffix.
     """
-    if Path(name).suffix.lower() in _FORMATS:
+    if Path(name).suffix.lower() in _NO_FOLDERS:
         raise InvalidValueError(f"{name}: a clip is written to a folder, whose name has no such suffix; {instead}")
 
 

@@ -29,6 +29,11 @@ _VIEW_SIZE = 512
 """Width and height of these views, pixels."""
 _CAMERAS_NAME = "cameras.json"
 """Name of the cameras file beside the pictures."""
+_INSTEAD = (
+    "name a folder; `thumb` draws one picture, and a clip, which `encode` makes of files of Gaussians, becomes a "
+    "moving picture (.webp)"
+)
+"""Hint for users who want a file of a still scene."""
 _HEAD_BYTES = 200
 """Number of bytes at the beginning of a cameras file that state its format."""
 
@@ -65,7 +70,7 @@ def _draw_sequence(command: Render, stream: SceneStream, cameras: Cameras | None
 
 def _draw_scene(command: Render, source: Path, cameras: Cameras | None, background: Background | None) -> None:
     concealer = create_concealer(command.conceal or "drop")
-    check_folder(command.output, "name a folder; `thumb` draws one picture, and `encode` makes a clip of frames")
+    check_folder(command.output, _INSTEAD)
     _check_earlier_cameras(command.output / _CAMERAS_NAME)
     scene, num_lost = drawable_scene(source, concealer)
     if cameras is None:

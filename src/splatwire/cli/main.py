@@ -263,12 +263,12 @@ def _help_output(arguments: Sequence[str]) -> Iterator[None]:
     """Context in which help texts and errors of the option parser tyro can be printed.
 
     They are at least `_MIN_COLUMNS` wide, and are discarded if standard output is closed. Control characters of the
-    arguments, such as those in the names of files, are escaped.
+    arguments, such as those in the names of files, and of a configuration file are escaped.
     """
     with contextlib.ExitStack() as stack:
         if shutil.get_terminal_size().columns < _MIN_COLUMNS:
             stack.enter_context(_environment("COLUMNS", str(_MIN_COLUMNS)))  # tyro would break lines without end
-        if any(printable(word) != word for word in arguments):
+        if any(printable(word) != word or word.startswith("--config") for word in arguments):
             stack.enter_context(_environment("TERM", "dumb"))  # else the colours of tyro would be escaped, too
             stack.enter_context(printable_streams())
         if sys.stdout is None:  # tyro needs a stream
