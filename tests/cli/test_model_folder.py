@@ -1,5 +1,6 @@
 """Verbs for Gaussians accept a 3DGS model folder with its cameras.json."""
 
+import io
 import json
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def test_verbs_accept_a_model_folder_and_its_cameras(run, model, tmp_path):
     assert run("import", "splats", model, "-o", tmp_path / "b.ply", "--json").json["num_gaussians"] == 60
 
 
-def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path, caplog):
+def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path, caplog, monkeypatch):
     folder = model / "point_cloud" / "iteration_7000"
     places = (model, model / "point_cloud", folder, folder / "point_cloud.ply")
     assert [open_scene(place).background for place in places] == [BLACK] * 4
@@ -51,6 +52,10 @@ def test_a_model_folder_has_the_background_of_its_training(model, run, tmp_path,
     for place in places:
         run("import", "splats", place, "-o", tmp_path / "a.ply")
     assert caplog.text.count("a.ply: such files have no background colour") == len(places)
+    caplog.clear()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO()))
+    run("import", "splats", model, "-o", "-")
+    assert [record.getMessage()[:10] for record in caplog.records] == ["-: such fi"]
 
 
 def test_the_model_folder_is_found_from_inside(model, monkeypatch):

@@ -7,8 +7,8 @@ import { createServer } from "node:http";
 import type { AddressInfo } from "node:net";
 import { test } from "node:test";
 
+import { StreamDecoder } from "../src/codec/decoder.ts";
 import { BitstreamError, decode, decodeClip, type Gaussians, type ReceivedUpdate, receive } from "../src/decoder.ts";
-import { warnOfLeftOut } from "../src/integrations/losses.ts";
 import { Generator } from "../src/integrations/splat_transform.ts";
 import { ContainerReader } from "../src/packets/container.ts";
 
@@ -161,7 +161,7 @@ test("the bytes of a file are taken from any buffer, and other values are refuse
 
 test("splat-transform receives all rows of levels, or the chosen frame of a clip", async () => {
   const given = (fields: Record<string, string>) => Object.entries(fields).map(([name, value]) => ({ name, value }));
-  const generator = await Generator.create(given({ file: path("tiny_levels") }));
+  const generator = await Generator.create([{ name: "file", value: path("tiny_levels") }]);
   assert.equal(generator.count, finestCount(levels));
   const { count } = (await decodeClip(clip)).frame(1);
   assert.equal((await Generator.create(given({ file: path("tiny_clip"), frame: "1" }))).count, count);
@@ -169,15 +169,18 @@ test("splat-transform receives all rows of levels, or the chosen frame of a clip
   await assert.rejects(Generator.create(given({ file: path("tiny_clip"), frame: "one" })), /frame .* does not exist/);
 });
 
-test("splat-transform warns of antialiasing and of an origin, which its output lacks", async (context) => {
-  const warn = context.mock.method(console, "warn", () => undefined),
-    { gaussians } = await decode(levels);
+test("splat-transform warns of antialiasing, an origin and a background, which its output lacks", async (context) => {
+  const warn = context.mock.method(console, "warn", () => undefined);
   await Generator.create([{ name: "file", value: path("tiny_levels") }]);
   assert.equal(warn.mock.callCount(), 0);
-  warnOfLeftOut({ ...gaussians, antialiased: true, origin: [0, 4e6, 0.5] }, "a.swz");
-  const [first, second] = warn.mock.calls.map(({ arguments: [text] }) => text);
-  assert.match(first, /^a\.swz: the scene is antialiased/);
-  assert.match(second, /origin \(0, 4000000, 0\.5\)/);
+  context.mock.getter(StreamDecoder.prototype, "antialiased", () => true);
+  context.mock.getter(StreamDecoder.prototype, "origin", () => [0, 4e6, 0.5]);
+  context.mock.getter(StreamDecoder.prototype, "background", () => [1, Math.fround(0.2), 0]);
+  await Generator.create([{ name: "file", value: path("tiny_levels") }]);
+  const texts = warn.mock.calls.map(({ arguments: [text] }) => String(text));
+  assert.match(texts[0], /tiny_levels\.swz: the scene is antialiased/);
+  assert.match(texts[1], /origin \(0, 4000000, 0\.5\)/);
+  assert.match(texts[2], /background colour \(1, 0\.2, 0\) is left out/);
 });
 
 test("a signal that lives longer than a transfer keeps nothing of it", async () => {

@@ -46,7 +46,7 @@ def _neural(command: Import, path: Path) -> dict[str, object]:
 def _explicit(command: Import, path: Path) -> dict[str, object]:
     content = read_content(command.model_dir)
     splats, antialiased, origin = content.splats, content.antialiased, content.origin
-    warn_of_background(path, background_of(command.model_dir))
+    warn_of_background(Path(command.output), background_of(command.model_dir))
     count = write_ply([splats], path, antialiased=antialiased, origin=origin, metadata=content.metadata)
     return {
         "num_gaussians": count, "degree": splats.degree, "antialiased": antialiased, "origin": list(origin),

@@ -128,3 +128,20 @@ def test_gaussians_at_one_place_far_from_0_are_encoded(count: int) -> None:
     splats = dataclasses.replace(splats, means=np.tile(np.float32([520, -330, 61000]), (count, 1)))
     found = decode_stream(encode_scene(SplatScene(splats), PRESETS["paper"])).scene.splats
     assert_close(found.means, splats.means, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("place", [[0, 0, 0], [200, -100, 3]])
+def test_most_gaussians_at_one_place_leave_the_others_in_place(place: list[float], caplog) -> None:
+    splats = cloud()
+    means = splats.means * np.float32(600)
+    means[: int(0.6 * len(means))] = place
+    splats = dataclasses.replace(splats, means=means)
+    found = decode_stream(encode_scene(SplatScene(splats), PRESETS["paper"])).scene.splats
+    assert not caplog.text
+    assert_close(np.sort(found.means, axis=0), np.sort(means, axis=0), rtol=0, atol=0.3)
+
+
+def test_large_gaussian_alone_keeps_its_scales() -> None:
+    splats = dataclasses.replace(cloud().select(np.arange(1)), scales=np.float32([[700, 1000, 500]]))
+    found = decode_stream(encode_scene(SplatScene(splats), PRESETS["paper"])).scene.splats
+    assert_close(np.sort(found.scales), np.float32([[500, 700, 1000]]), rtol=0.02)

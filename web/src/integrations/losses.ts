@@ -1,6 +1,6 @@
 // Warnings and errors for incomplete or altered files, and for converted files that lack a part of the scene.
 
-import type { Decoded, Gaussians, Progress } from "../decoder.ts";
+import type { Decoded, Progress, Scene } from "../decoder.ts";
 
 /** Warns on the console if packets are missing. Throws if the file is complete but its digest is wrong. */
 export function warnOfLosses(received: Decoded, name: string): void {
@@ -14,10 +14,17 @@ export function warnOfMissing({ packets, expected }: Pick<Progress, "packets" | 
   if (packets < expected) console.warn(`${name}: ${packets} of ${expected} packets received, losses are concealed`);
 }
 
-/** Warns on the console if a scene is antialiased or has an origin. Files from other converters contain neither. */
-export function warnOfLeftOut({ antialiased, origin }: Gaussians, name: string): void {
+/**
+ * Warns on the console if a scene is antialiased, or has an origin or a background colour. Files from other converters
+ * contain none of them.
+ */
+export function warnOfLeftOut({ gaussians: { antialiased, origin }, background }: Scene, name: string): void {
   const way = "`splatwire decode` writes files with it";
   if (antialiased) console.warn(`${name}: the scene is antialiased, and the output has no request for it: ${way}`);
   if (origin.some((value) => value !== 0))
     console.warn(`${name}: positions are relative to the origin (${origin.join(", ")}), which is left out: ${way}`);
+  if (background.some((value) => value !== 0)) {
+    const colour = background.map((value) => Number(value.toPrecision(3))).join(", ");
+    console.warn(`${name}: the background colour (${colour}) is left out: such files have none`);
+  }
 }

@@ -37,8 +37,8 @@ export class Generator {
       ...(frame === undefined ? {} : { frame: Number(frame || Number.NaN) }),
     });
     warnOfLosses(scene, file);
+    warnOfLeftOut(scene, file);
     const { gaussians } = scene;
-    warnOfLeftOut(gaussians, file);
     return new Generator(gaussians.count, plyColumns(turned(gaussians)));
   }
 

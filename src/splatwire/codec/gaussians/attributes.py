@@ -59,7 +59,7 @@ def log2_scene_size(splats: Splats) -> int:
     """Returns log2 of the scene size, from -32 to 32.
 
     The scene size is the median distance of the Gaussians from the centre (`scene_middle`) in world units, rounded
-    down to a power of two.
+    down to a power of two. If most Gaussians are at the centre, it is the median of the others.
     """
     means, middle, squares = splats.means, scene_middle(splats), large_empty((splats.num_gaussians,), np.float64)
 
@@ -70,8 +70,11 @@ def log2_scene_size(splats: Splats) -> int:
 
     parallel_map(square, range(0, len(squares), CACHE_GAUSSIANS))
     distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
-    # Gaussians without a spread, such as a single one, can be far from 0: their lattice has to reach them.
-    distance = max(distance, float(np.abs(middle).max()) * 2.0**-36, 1e-12)
+    if distance == 0 and len(elsewhere := squares[squares > 0]):
+        distance = float(np.sqrt(np.median(elsewhere)))
+    # Gaussians without a spread, such as a single one, can be far from 0 or large: positions and scales must reach that.
+    reach = np.abs(middle).max() if distance else max(np.abs(middle).max(), splats.scales.max())
+    distance = max(distance, float(reach) * 2.0**-36, 1e-12)
     return int(np.clip(np.floor(np.log2(distance)), -32, 32))
 
 

@@ -27,6 +27,7 @@ from splatwire.codec.update.schema import SCHEMA
 from splatwire.codec.update.section import SECTION, UpdateFields, manifest_digest, write_update
 from splatwire.errors import InvalidValueError, check_kind
 from splatwire.types import SplatCoding
+from splatwire.types.background import BLACK
 from splatwire.types.metadata import metadata_to_json
 from splatwire.types.origin import NO_ORIGIN, describe_origin, misses_positions
 from splatwire.types.received_scene import ReceivedScene
@@ -141,6 +142,12 @@ def encode_change(
         LOG.warning(
             "encoding: %s is antialiased, %s is not: an update keeps what the stream has, and the other one looks "
             "different from afar", marked, plain,
+        )  # fmt: skip
+    if edited.background not in (BLACK, before.background):  # files of other formats have none, which reads as black
+        LOG.warning(
+            "encoding: the changed scene has the background colour (%s), its stream (%s): an update keeps that of the "
+            "stream; encode the scene as a whole to change it",
+            *(", ".join(f"{value:.3g}" for value in one.background) for one in (edited, before)),
         )  # fmt: skip
     if edited.origin != before.origin and (distance := misses_positions(NO_ORIGIN, after.means)) is not None:
         LOG.warning(
