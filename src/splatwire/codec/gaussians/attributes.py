@@ -72,7 +72,7 @@ def log2_scene_size(splats: Splats) -> int:
     distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
     if distance == 0 and len(elsewhere := squares[squares > 0]):
         distance = float(np.sqrt(np.median(elsewhere)))
-    # Gaussians without a spread, such as a single one, can be far from 0 or large: positions and scales must reach that.
+    # Gaussians without a spread, such as a single one, can be far from 0 or large: the codes have to reach that.
     reach = np.abs(middle).max() if distance else max(np.abs(middle).max(), splats.scales.max())
     distance = max(distance, float(reach) * 2.0**-36, 1e-12)
     return int(np.clip(np.floor(np.log2(distance)), -32, 32))
