@@ -143,7 +143,8 @@ def encode_change(
             "encoding: %s is antialiased, %s is not: an update keeps what the stream has, and the other one looks "
             "different from afar", marked, plain,
         )  # fmt: skip
-    if edited.background not in (BLACK, before.background):  # files of other formats have none, which reads as black
+    # Streams round colours to float32. Files of other formats have no background, which reads as black.
+    if edited.background != BLACK and not np.allclose(edited.background, before.background):
         LOG.warning(
             "encoding: the changed scene has the background colour (%s), its stream (%s): an update keeps that of the "
             "stream; encode the scene as a whole to change it",
