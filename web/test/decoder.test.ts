@@ -190,9 +190,18 @@ test("a signal that lives longer than a transfer keeps nothing of it", async () 
 });
 
 test("an address without a server is an error, and a connection that fails is named with the reason", async () => {
-  await assert.rejects(async () => {
-    for await (const _ of receive(new URL("file:///scene.swz"))) assert.fail();
-  }, /file:\/\/\/scene\.swz is on no web server/);
+  for (const [url, reason] of [
+    ["file:///scene.swz", "is on no web server"],
+    ["localhost:8000/scene.swz", "cannot be requested: its address does not begin with http"],
+    ["ftp://localhost/scene.swz", "cannot be requested: its address does not begin with http"],
+    ["blob:nodedata:9", "cannot be requested: it was revoked"],
+  ])
+    await assert.rejects(
+      async () => {
+        for await (const _ of receive(url, { lost: assert.fail })) assert.fail();
+      },
+      new RegExp(`${url} ${reason}`),
+    );
   const server = createServer().listen(0, "127.0.0.1");
   await once(server, "listening");
   const { port } = server.address() as AddressInfo,

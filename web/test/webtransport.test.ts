@@ -223,6 +223,44 @@ test("after a session with localhost was open, failed handshakes are not repeate
   }
 });
 
+test("a server that returns at the other address of localhost is found", async () => {
+  const world = globalThis as Record<string, unknown>,
+    options = { isRetry: true, isOnlySource: true };
+  for (const [before, after] of [
+    ["127.0.0.1", "localhost"],
+    ["localhost", "127.0.0.1"],
+  ])
+    for (const isRenewed of [false, true]) {
+      let answering = before;
+      world["WebTransport"] = class {
+        readonly ready: Promise<void>;
+        readonly closed = new Promise(() => undefined);
+        readonly datagrams = {};
+        constructor(address: string) {
+          const isOpen = new URL(address).hostname === answering;
+          this.ready = isOpen ? Promise.resolve() : Promise.reject(new Error("refused"));
+        }
+        createBidirectionalStream = (): Promise<never> => Promise.reject(new Error("open"));
+        close(): void {}
+      };
+      const url = `https://localhost:4842/splatwire/${before}/${isRenewed}`,
+        attempt = (fingerprint: string): Promise<unknown> =>
+          receiveDatagrams({ url, fingerprint }, "a", {} as Listener, null, options).catch(
+            (error: unknown) => (error as Error).message,
+          );
+      try {
+        assert.equal(await attempt("00"), "open");
+        answering = after;
+        const outcomes: unknown[] = [];
+        for (let n = 0; n < 5; n++) outcomes.push(await attempt(isRenewed ? "01" : "00"));
+        const failed = isRenewed ? 0 : 3; // a server with another certificate was restarted
+        assert.deepEqual(outcomes, [...Array(failed).fill("refused"), ...Array(5 - failed).fill("open")]);
+      } finally {
+        delete world["WebTransport"];
+      }
+    }
+});
+
 test("a handshake that the browser delays by 90 s is waited for if there is no other source", async () => {
   const world = globalThis as Record<string, unknown>;
   for (const isOnlySource of [false, true]) {

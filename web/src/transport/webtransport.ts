@@ -54,6 +54,8 @@ const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
  * every one that failed within the last minutes.
  */
 const MAX_FAILED_HANDSHAKES = 2;
+/** Number of failed attempts at a session with `localhost`, one of which is made at the other address. */
+const OTHER_ADDRESS = 4;
 /**
  * `SESSION_TIMEOUT_MS` for further sessions of a stream without another source, milliseconds. After many failures,
  * Chromium delays their handshakes by up to 90 s; a shorter limit would end each one before it begins.
@@ -280,31 +282,37 @@ async function readAll(readable: ReadableStream<Uint8Array>, take: (chunk: Uint8
   }
 }
 
-/** URLs at which a session was opened, by the URL with `localhost`. */
-const openedAt = new Map<string, string>();
+/**
+ * URL at which a session with `localhost` was opened, and the number of failures there since, by the address with its
+ * fingerprint: a restarted server may listen elsewhere.
+ */
+const openedAt = new Map<string, { readonly url: string; failures: number }>();
 
 /**
  * Opens a session. For `localhost`, Chromium tries only [::1], and servers listen on 127.0.0.1 by default, which is
- * therefore tried first. Only one of the two is tried again after a session was open, because each failed handshake
- * delays the next ones.
+ * therefore tried first. After a session was open, each attempt tries only one of the two, because each failed
+ * handshake delays the next ones: the one that was open, and the other one every `OTHER_ADDRESS` attempts.
  */
 async function openSession(session: SessionAddress, options: SessionOptions): Promise<WebTransport> {
-  const url = new URL(session.url),
-    known = openedAt.get(session.url);
-  if (!/(^|\.)localhost\.?$/.test(url.hostname)) return openSessionAt(session, options);
-  if (known) return openSessionAt({ ...session, url: known }, options);
-  url.hostname = "127.0.0.1";
-  try {
-    const transport = await openSessionAt({ ...session, url: url.href }, options);
-    openedAt.set(session.url, url.href);
-    return transport;
-  } catch (error) {
-    if ((error as Error).message === NO_ANSWER) throw error;
-    // nothing listens there: the server may listen on [::1]
-  }
-  const transport = await openSessionAt(session, options);
-  openedAt.set(session.url, session.url);
-  return transport;
+  const address = new URL(session.url);
+  if (!/(^|\.)localhost\.?$/.test(address.hostname)) return openSessionAt(session, options);
+  address.hostname = "127.0.0.1";
+  const key = `${session.url} ${session.fingerprint}`,
+    known = openedAt.get(key),
+    both = [address.href, session.url],
+    isOthersTurn = known && (known.failures + 1) % OTHER_ADDRESS === 0;
+  let failure: unknown;
+  for (const url of known ? both.filter((one) => (one === known.url) !== isOthersTurn) : both)
+    try {
+      const transport = await openSessionAt({ ...session, url }, options);
+      openedAt.set(key, { url, failures: 0 });
+      return transport;
+    } catch (error) {
+      failure = error;
+      if (known) known.failures++;
+      if ((error as Error).message === NO_ANSWER) break; // otherwise nothing listens there
+    }
+  throw failure;
 }
 
 /**
