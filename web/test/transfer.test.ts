@@ -18,6 +18,7 @@ import {
   REFUSE,
   REORDER_THRESHOLD,
   VERSION,
+  VIEW_DEPENDENT,
 } from "../src/transport/wire.ts";
 import { dataView, MessageReader, readWelcome, writeRequest } from "../src/transport/wire_messages.ts";
 import { fileOf } from "./vectors.ts";
@@ -135,6 +136,34 @@ test("a report lists missing packets behind the latest one, each at limited inte
   assert.equal(lost(transfer.feedback(10)), 100 + 1 - REORDER_THRESHOLD);
   assert.equal(lost(transfer.feedback(9 + NACK_INTERVAL_MS)), 0);
   assert.equal(lost(transfer.feedback(10 + NACK_INTERVAL_MS)), 100 + 1 - REORDER_THRESHOLD);
+});
+
+test("once a view was sent, lost datagrams are requested at limited intervals, a limited number of times", () => {
+  const transfer = new Transfer("", 7n, 0),
+    camera = { viewmat: [], focal: 1, width: 1, height: 1 };
+  transfer.receive(
+    welcome((numbers, bytes) => {
+      numbers.setUint32(59, 1000, true);
+      bytes[69] = VIEW_DEPENDENT;
+    }),
+    0,
+  );
+  transfer.viewUpdate(camera, 1);
+  const arrive = (sequence: number): void => {
+    const datagram = empty(sequence);
+    dataView(datagram).setUint32(5, sequence, true);
+    transfer.receive(datagram, 5);
+  };
+  arrive(REORDER_THRESHOLD + 2);
+  const lost = (now: number): number[] => {
+    const report = dataView(transfer.feedback(now));
+    return Array.from({ length: report.getUint16(23, true) }, (_, n) => report.getUint32(25 + 4 * n, true));
+  };
+  assert.deepEqual(lost(10), [0, 1, 2]);
+  assert.deepEqual(lost(9 + NACK_INTERVAL_MS), []);
+  arrive(1); // it was only late
+  for (let n = 1; n < MAX_NACK_ATTEMPTS; n++) assert.deepEqual(lost(10 + n * NACK_INTERVAL_MS), [0, 2]);
+  assert.deepEqual(lost(10 + MAX_NACK_ATTEMPTS * NACK_INTERVAL_MS), []);
 });
 
 test("parity, which browsers do not use, counts as received and not as lost", () => {
