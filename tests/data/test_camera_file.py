@@ -81,6 +81,13 @@ def test_wrong_files_are_refused(spoil, reason, cameras, tmp_path):
     assert "c.json" in str(caught.value)
 
 
+def test_one_camera_without_a_list_is_not_said_to_be_no_cameras_file(tmp_path):
+    view = {"img_name": "0", "width": 40, "height": 24, "position": [0, 0, 0], "rotation": np.eye(3).tolist()}
+    (tmp_path / "c.json").write_text(json.dumps(view | {"fx": 30, "fy": 30}))
+    with pytest.raises(DatasetError, match=r"c\.json: looks like a cameras file, but it has no list 'cameras'$"):
+        load_cameras(tmp_path / "c.json")
+
+
 def test_invalid_json_is_refused(tmp_path):
     (tmp_path / "c.json").write_text("{")
     with pytest.raises(DatasetError, match="not readable JSON"):

@@ -9,7 +9,7 @@ from PIL import Image
 
 from close import assert_close
 from splatwire.data import open_dataset
-from splatwire.errors import DatasetError, InvalidValueError, UnknownNameError
+from splatwire.errors import DatasetError, InvalidValueError, NoViewsError, UnknownNameError
 
 DATA = Path(os.environ.get("SPLATWIRE_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 
@@ -250,6 +250,19 @@ def test_a_photo_that_is_listed_for_training_and_testing_is_refused(capture, tes
     names = [f"images/view_{i:02d}.png" for i in range(12)]
     capture.write_nerfstudio(**{"train_filenames": names[:9], f"{tested}_filenames": [f"./{names[8]}", *names[9:]]})
     with pytest.raises(DatasetError, match=f"'images/view_08.png' is in 'train_filenames' and in '{tested}_filenames'"):
+        open_dataset(capture.root, split=split)
+
+
+@pytest.mark.parametrize(
+    ("lists", "split"),
+    [
+        ({"train_filenames": [f"images/view_{i:02d}.png" for i in range(12)], "test_filenames": []}, "test"),
+        ({"train_filenames": [], "val_filenames": [], "test_filenames": []}, "train"),
+    ],
+)
+def test_lists_that_leave_a_split_without_views_are_the_reason_of_the_error(capture, lists, split):
+    capture.write_nerfstudio(**lists)
+    with pytest.raises(NoViewsError, match=f"'{split}': its lists, such as '{split}_filenames', leave none"):
         open_dataset(capture.root, split=split)
 
 

@@ -369,7 +369,10 @@ def _transforms_views(
             return [views[i] for i in _split_indices(len(views), split, test_views or "every_8th")]
 
         _warn_of_copies(transforms_path, views, [view.image_path for view in views], split, chosen_for("test"))
-        return chosen_for(split), transforms_path, transforms.points
+        if not (chosen := chosen_for(split)) and uses_splits:
+            why = f"has no views in the split '{split}': its lists, such as '{split}_filenames', leave none"
+            raise NoViewsError(f"{transforms_path}: {why}")
+        return chosen, transforms_path, transforms.points
     why = (
         "it has neither a COLMAP reconstruction (images.bin or images.txt in sparse, in the folder itself or in a "
         "numbered folder of sparse, colmap/sparse or the folder itself) nor poses_enu.json, transforms_train.json, "

@@ -348,6 +348,8 @@ def format_error(path: Path, wanted: str, why: str = "") -> str:
         return f"{path}: {NOTHING}"
     if kind == UNREADABLE and (reason := _access_problem(path)):
         return f"{path}: cannot be read: {reason}"
+    if why and kind.description == wanted:
+        return f"{path}: looks like {wanted}, but {why}"
     verb = "is" if kind in _CERTAIN else "looks like"
     return f"{path}: not {wanted}{f' ({why})' if why else ''}; it {verb} {kind}"
 
