@@ -14,7 +14,9 @@ from splatwire.codec.gaussians.attributes import log2_scene_size
 from splatwire.codec.gaussians.outliers import MAX_DISTANCE_OCTAVES, pull_in_outliers
 from splatwire.ops.quaternions import rotation_matrices
 from splatwire.render.precision import scene_class_offsets
+from splatwire.sequence import decode_frames, encode_sequence
 from splatwire.types import SplatScene
+from splatwire.types.sequence_scene import SequenceScene
 from splatwire.types.splats import Splats
 
 COUNT, ODD = 500, 7
@@ -145,3 +147,14 @@ def test_large_gaussian_alone_keeps_its_scales() -> None:
     splats = dataclasses.replace(cloud().select(np.arange(1)), scales=np.float32([[700, 1000, 500]]))
     found = decode_stream(encode_scene(SplatScene(splats), PRESETS["paper"])).scene.splats
     assert_close(np.sort(found.scales), np.float32([[500, 700, 1000]]), rtol=0.02)
+
+
+@pytest.mark.parametrize("count", [1, 60])
+@pytest.mark.parametrize("place", [0.0, 500.0])
+def test_gaussians_that_begin_at_one_place_fly_apart_in_a_clip(count: int, place: float) -> None:
+    splats = cloud().select(np.arange(count))
+    frames = [dataclasses.replace(splats, means=place + splats.means * np.float32(40 * time)) for time in range(4)]
+    sequence = decode_stream(encode_sequence(frames)[0]).scene
+    assert isinstance(sequence, SequenceScene)
+    for frame, found in zip(frames, decode_frames(sequence), strict=True):
+        assert_close(np.sort(found.scene.splats.means, axis=0), np.sort(frame.means, axis=0), rtol=0, atol=1e-2)

@@ -28,6 +28,8 @@ this package.
 """
 GREY = LUMA_CHROMA.sum(axis=1) / 2
 """Y Co Cg of the colour of a Gaussian whose harmonics are 0, float64 (3)."""
+_LEAST_SIZE = 2.0**-12
+"""Smallest scene size, relative to the median of the Gaussians' largest scales."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,8 @@ def log2_scene_size(splats: Splats) -> int:
     """Returns log2 of the scene size, from -32 to 32.
 
     The scene size is the median distance of the Gaussians from the centre (`scene_middle`) in world units, rounded
-    down to a power of two. If most Gaussians are at the centre, it is the median of the others.
+    down to a power of two. If most Gaussians are at the centre, it is the median of the others. It is at least
+    `_LEAST_SIZE` times the median of the Gaussians' largest scales.
     """
     means, middle, squares = splats.means, scene_middle(splats), large_empty((splats.num_gaussians,), np.float64)
 
@@ -72,9 +75,11 @@ def log2_scene_size(splats: Splats) -> int:
     distance = np.sqrt(order_statistics(lambda: chunks(squares), middle_ranks(len(squares)))).mean()
     if distance == 0 and len(elsewhere := squares[squares > 0]):
         distance = float(np.sqrt(np.median(elsewhere)))
-    # Gaussians without a spread, such as a single one, can be far from 0 or large: the codes have to reach that.
-    reach = np.abs(middle).max() if distance else max(np.abs(middle).max(), splats.scales.max())
-    distance = max(distance, float(reach) * 2.0**-36, 1e-12)
+    # Gaussians at nearly one place may fly apart in a clip, which a lattice that is fitted to them could not express.
+    if distance < _LEAST_SIZE * splats.scales.max():
+        distance = max(distance, _LEAST_SIZE * float(np.median(splats.scales.max(axis=1))))
+    # Gaussians without a spread, such as a single one, can be far from 0: their lattice has to reach them.
+    distance = max(distance, float(np.abs(middle).max()) * 2.0**-36, 1e-12)
     return int(np.clip(np.floor(np.log2(distance)), -32, 32))
 
 

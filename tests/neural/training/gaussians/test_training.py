@@ -35,6 +35,7 @@ from splatwire.neural.training.gaussians.step import GaussianStep, seen_gaussian
 from splatwire.neural.training.kernels import COMPILED, HOST_RANDOMNESS, plain_kernels
 from splatwire.neural.training.photos import PhotoStore
 from splatwire.neural.training.quality import assess_scene
+from splatwire.neural.training.state import Moments
 from splatwire.render.base import Drawing
 from splatwire.types import Gaussians, SplatScene
 from splatwire.types.background import BLACK
@@ -229,6 +230,15 @@ def test_plain_kernels_with_gsplat_give_the_same_steps(dataset: Dataset, monkeyp
 def test_invalid_configurations_are_errors(options: dict, message: str) -> None:
     with pytest.raises(InvalidValueError, match=message):
         GaussianConfig(**options)
+
+
+def test_checkpoints_contain_only_finite_moments(dataset: Dataset, tmp_path: Path) -> None:
+    state = initial_gaussians(dataset, CONFIG)
+    rows = torch.full_like(state.parameters["means"].detach(), torch.inf)
+    state.moments["means"] = Moments(torch.zeros_like(rows), rows, 1)
+    with pytest.raises(DivergedError, match=r"'second\.means' is not finite"):
+        save_gaussian_checkpoint(state, CONFIG, tmp_path / "run.checkpoint")
+    assert not list(tmp_path.iterdir())
 
 
 def test_damaged_checkpoint_is_an_error(dataset: Dataset, tmp_path: Path) -> None:
