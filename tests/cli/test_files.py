@@ -259,6 +259,8 @@ def test_a_folder_is_not_written_to_standard_output(run, journey, tmp_path, monk
         (("render", "{scene}"), "turn.AVI"),
         (("render", "{scene}"), "picture.tif"),
         (("compare", "{scene}", "{scene}"), "report.csv"),
+        (("compare", "{scene}", "{scene}"), "report.parquet"),
+        (("publish", "{scene}"), "scene.gltf"),
         (("evaluate", "{scene}", "--reference", "{scene}"), "report.html"),
         (("compare", "{scene}", "{scene}"), "report.html"),
         (("publish", "{scene}"), "page.html"),

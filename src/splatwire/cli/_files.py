@@ -49,6 +49,7 @@ _FORMATS = {
 }
 """File format that each known suffix stands for."""
 _NO_FOLDERS = _FORMATS | {
+    ".gltf": "a glTF file",
     ".usd": "a USD file",
     ".usda": "a USD file",
     ".usdc": "a USD file",
@@ -59,6 +60,7 @@ _NO_FOLDERS = _FORMATS | {
     ".htm": "a page",
     ".pdf": "a PDF",
     ".csv": "a table",
+    ".parquet": "a table",
     ".md": "a text",
     ".txt": "a text",
 }
