@@ -189,12 +189,24 @@ test("a signal that lives longer than a transfer keeps nothing of it", async () 
   assert.equal(getEventListeners(signal, "abort").length, 0);
 });
 
+test("an address that is not http is read as a whole if it rejects ranges", async (context) => {
+  const bytes = readFileSync(path("tiny_levels"));
+  context.mock.method(globalThis, "fetch", (_: string, { headers }: RequestInit) =>
+    "Range" in (headers as object) ? Promise.reject(new TypeError("no ranges")) : Promise.resolve(new Response(bytes)),
+  );
+  for (const url of ["blob:nodedata:9", "app://localhost/scene.swz"]) {
+    let numParts = 0;
+    for await (const _ of receive(url)) numParts++;
+    assert.ok(numParts);
+  }
+});
+
 test("an address without a server is an error, and a connection that fails is named with the reason", async () => {
   for (const [url, reason] of [
-    ["file:///scene.swz", "is on no web server"],
+    ["file:///scene.swz", "cannot be requested: its address does not begin with http"],
     ["localhost:8000/scene.swz", "cannot be requested: its address does not begin with http"],
     ["ftp://localhost/scene.swz", "cannot be requested: its address does not begin with http"],
-    ["blob:nodedata:9", "cannot be requested: it was revoked"],
+    ["blob:nodedata:9", "cannot be requested: its blob was revoked"],
   ])
     await assert.rejects(
       async () => {

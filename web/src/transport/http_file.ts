@@ -48,11 +48,8 @@ const PASSING = [408, 425, 429, 500];
  * may keep a part of it from before the file was replaced.
  */
 const CONTENT_TAG = /(\/(?:streams|private)\/[^?#]+)\?[0-9a-f]{16}(?=#|$)/;
-const NO_SERVER =
-    "is on no web server, so it cannot be requested: pages need a server (http), and " +
-    "`decode` takes the bytes of a file",
-  NO_HTTP = "cannot be requested: its address does not begin with http:// or https://",
-  NO_BLOB = "cannot be requested: it was revoked, or belongs to another page";
+const NO_HTTP = "its address does not begin with http:// or https://; `decode` takes the bytes of a file",
+  NO_BLOB = "its blob was revoked, or belongs to another page";
 const CONTENT_RANGE = /^bytes (\d+)-(\d+)\/(\d+|\*)$/;
 
 /** Returns the URL of the current version of a file, which no proxy keeps: a stream's URL without the tag. */
@@ -218,13 +215,13 @@ export class HttpFile {
       return this.#answer(response, first, end, cancel);
     } catch (error) {
       cancel();
-      if (error instanceof TypeError && !/^https?:/.test(url)) {
-        const reason = url.startsWith("file:") ? NO_SERVER : url.startsWith("blob:") ? NO_BLOB : NO_HTTP;
-        throw Object.assign(new Error(`${this.name} ${reason}`), { final: true });
-      }
       // Without a response, the server may have rejected the CORS preflight, which only range requests need.
       if (error instanceof TypeError && first !== null && this.ranges === "unknown" && !this.#partial)
         throw new RangeUnsupported(error.message);
+      if (error instanceof TypeError && !/^https?:/.test(url)) {
+        const reason = url.startsWith("blob:") ? NO_BLOB : NO_HTTP;
+        throw Object.assign(new Error(`${this.name} cannot be requested: ${reason}`), { final: true });
+      }
       if (
         error instanceof TypeError &&
         !this.hasAnswered &&
