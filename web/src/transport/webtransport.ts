@@ -357,7 +357,14 @@ async function openSessionAt(
 }
 
 /** Awaits a promise. Throws an error if the server does not answer in time. */
-function withTimeout<T>(work: Promise<T>, ms = SESSION_TIMEOUT_MS): Promise<T> {
-  const late = delay(ms).then(() => Promise.reject(new Error(NO_ANSWER)));
-  return Promise.race([work, late]);
+async function withTimeout<T>(work: Promise<T>, ms = SESSION_TIMEOUT_MS): Promise<T> {
+  let timer: ReturnType<typeof setTimeout> | undefined;
+  const late = new Promise<never>((_, reject) => {
+    timer = setTimeout(() => reject(new Error(NO_ANSWER)), ms);
+  });
+  try {
+    return await Promise.race([work, late]);
+  } finally {
+    clearTimeout(timer);
+  }
 }

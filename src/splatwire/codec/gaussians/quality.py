@@ -48,7 +48,7 @@ class Quality:
         if not -8 <= self.level <= 24 or not -16 <= self.position <= 16:
             raise InvalidValueError(
                 f"Quality: level is -8 to 24 and position -16 to 16, not {self.level:g} and {self.position:g}; "
-                "numbers from 0 to 100 are given without it, such as quality=60"
+                "a quality from 0 to 100 is given as a number, such as quality=60"
             )
         if len(self.precision) != len(STEPS) or not all(-16 <= octaves <= 16 for octaves in self.precision):
             raise InvalidValueError(f"a precision has {len(STEPS)} numbers from -16 to 16, not {self.precision}")
