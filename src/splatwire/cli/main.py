@@ -262,8 +262,8 @@ def _parse(arguments: list[str]) -> Any:
 def _help_output(arguments: Sequence[str]) -> Iterator[None]:
     """Context in which help texts and errors of the option parser tyro can be printed.
 
-    They are at least `_MIN_COLUMNS` wide, and are discarded if standard output is closed. Control characters of the
-    arguments, such as those in the names of files, and of a configuration file are escaped.
+    They are at least `_MIN_COLUMNS` wide, and are discarded if standard output is closed. Control characters in
+    arguments, such as names of files, and in a configuration file are escaped.
     """
     with contextlib.ExitStack() as stack:
         if shutil.get_terminal_size().columns < _MIN_COLUMNS:

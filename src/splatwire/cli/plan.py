@@ -14,8 +14,9 @@ class PlanCommand:
     """Choose the protection of side information and importance tiers for a byte budget, for `serve --plan`.
 
     A tier is a group of elements of similar importance. The plan gives the amount of redundancy for each tier and for
-    the side information (data that all packets need), chosen for the best picture after the losses of the channel. Its
-    PSNR assumes that the complete scene has 30 dB; of clips without --reference, that the finest stream has 45 dB.
+    the side information (data that all packets need), chosen for the best picture after the losses of the channel. The
+    expected PSNR assumes that the complete scene has 30 dB. For clips without --reference, it assumes that the finest
+    stream has 45 dB.
     """
 
     streams: tyro.conf.Positional[list[str]]

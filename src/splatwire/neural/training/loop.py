@@ -148,8 +148,8 @@ class TrainingLoop:
 
         Raises:
             DatasetError: If a resumed training had more views than `photos`.
-            DivergedError: If the loss is not finite, or a parameter or other part of the state is not finite when a
-                checkpoint is due. The checkpoint before is then kept.
+            DivergedError: If the loss is not finite, or a part of the state is not finite at the end or when a
+                checkpoint is due. The last checkpoint is then kept.
             OSError: If a checkpoint cannot be written.
         """
         if max(training.state.view_queue, default=0) >= self.train_data.num_views:
@@ -207,8 +207,8 @@ class TrainingLoop:
         """Writes a checkpoint if the options name a checkpoint file.
 
         Raises:
-            DivergedError: If a parameter is not finite, with or without a checkpoint file; or another part of the
-                state that the checkpoint would contain.
+            DivergedError: If a parameter is not finite, also without a checkpoint file, or another value of the
+                checkpoint is not finite.
         """
         check_finite(training.state.parameters, training.state.iteration)
         if self.options.checkpoint is not None:
