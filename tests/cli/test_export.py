@@ -79,6 +79,13 @@ def curved(tmp_path):
     return path
 
 
+@pytest.mark.parametrize("suffix", [".usd", ".usda", ".usdc", ".USDZ"])
+def test_export_of_openusd_accepts_each_suffix(run, curved, tmp_path, suffix):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    assert run("export", "usdz", curved, "-o", tmp_path / f"a{suffix}").status == 0
+    assert read_splats(tmp_path / f"a{suffix}").num_gaussians == 80
+
+
 def test_export_writes_the_requested_harmonics_degree(run, curved, tmp_path):
     for degree in (0, 1, 3):
         done = run("export", "ply", curved, "-o", tmp_path / "a.ply", "--degree", degree, "--json")

@@ -50,6 +50,12 @@ def test_views_with_similar_names_become_different_files(run, journey, tmp_path)
         (("export", "ply"), "a.SPLAT"),
         (("encode",), "a.ply"),
         (("encode",), "a.png"),
+        (("encode",), "a.gltf"),
+        (("encode",), "a.parquet"),
+        (("encode",), "a.csv"),
+        (("export", "spz"), "b.gltf"),
+        (("export", "glb"), "b.gltf"),
+        (("export", "ply"), "a.usdz"),
     ],
 )
 def test_output_suffix_of_another_format_is_refused(run, journey, tmp_path, words, name):

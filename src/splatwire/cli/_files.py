@@ -25,31 +25,7 @@ _FORMATS = {
     ".ksplat": "a .ksplat file",
     ".sog": "a SOG file",
     ".glb": "a glTF file",
-    ".json": "JSON",
-    ".toml": "a protocol",
-    ".html": "a page",
-    ".zip": "a ZIP archive",
-    ".png": "a picture",
-    ".jpg": "a picture",
-    ".jpeg": "a picture",
-    ".webp": "a picture",
-    ".gif": "a picture",
-    ".apng": "a picture",
-    ".avif": "a picture",
-    ".bmp": "a picture",
-    ".tif": "a picture",
-    ".tiff": "a picture",
-    ".exr": "a picture",
-    ".mp4": "a video",
-    ".m4v": "a video",
-    ".mov": "a video",
-    ".mkv": "a video",
-    ".avi": "a video",
-    ".webm": "a video",
-}
-"""File format that each known suffix stands for."""
-_NO_FOLDERS = _FORMATS | {
-    ".gltf": "a glTF file",
+    ".gltf": "a .gltf file",
     ".usd": "a USD file",
     ".usda": "a USD file",
     ".usdc": "a USD file",
@@ -57,14 +33,35 @@ _NO_FOLDERS = _FORMATS | {
     ".4dgs": "a .4dgs file",
     ".splat4d": "a .splat4d file",
     ".splatv": "a .splatv file",
+    ".json": "JSON",
+    ".toml": "a protocol",
+    ".html": "a page",
     ".htm": "a page",
     ".pdf": "a PDF",
-    ".csv": "a table",
-    ".parquet": "a table",
+    ".csv": "a CSV table",
+    ".parquet": "a Parquet table",
     ".md": "a text",
     ".txt": "a text",
+    ".zip": "a ZIP archive",
+    ".png": "a PNG picture",
+    ".jpg": "a JPEG picture",
+    ".jpeg": "a JPEG picture",
+    ".webp": "a WebP picture",
+    ".gif": "a GIF picture",
+    ".apng": "an APNG picture",
+    ".avif": "an AVIF picture",
+    ".bmp": "a BMP picture",
+    ".tif": "a TIFF picture",
+    ".tiff": "a TIFF picture",
+    ".exr": "an EXR picture",
+    ".mp4": "a video",
+    ".m4v": "a video",
+    ".mov": "a video",
+    ".mkv": "a video",
+    ".avi": "a video",
+    ".webm": "a video",
 }
-"""File format of each suffix that a new folder may not have."""
+"""File format that each known suffix stands for. Suffixes of one format have the same text."""
 _HEAD_BYTES = 1 << 16
 
 
@@ -160,12 +157,13 @@ def prepared_output(path: Path, *, folder: bool = False, expected_suffix: str | 
     """
     # Outputs are written to a temporary file that then replaces the target, which must not happen to a device such as
     # `/dev/null`.
-    suffix, expected = path.suffix.lower(), None if expected_suffix is None else expected_suffix.lower()
-    if expected is not None and suffix in _FORMATS and suffix != expected:
+    if expected_suffix is not None and (named := _FORMATS.get(path.suffix.lower())) is not None:
+        expected = expected_suffix.lower()
         written = _FORMATS.get(expected) or (f"a {expected} file" if expected else "a scene file")
-        raise InvalidValueError(
-            f"{path}: the name says {_FORMATS[suffix]}, but {written} would be in it: end it in {expected or '.scene'}"
-        )
+        if named != written:
+            raise InvalidValueError(
+                f"{path}: the name says {named}, but {written} would be in it: end it in {expected or '.scene'}"
+            )
     if path.is_dir() and not folder:
         raise InvalidValueError(f"{path} is a folder: name a file")
     if path.exists() and not path.is_dir() and not path.is_file():
@@ -239,7 +237,7 @@ def check_folder(path: Path, instead: str = "name a folder") -> None:
         raise InvalidValueError("a folder is written, which standard output cannot be: give -o a name")
     if path.exists() and not path.is_dir():
         raise InvalidValueError(f"{path}: not a folder, so nothing can be written into it")
-    if not path.exists() and (named := _NO_FOLDERS.get(path.suffix.lower())) is not None:
+    if not path.exists() and (named := _FORMATS.get(path.suffix.lower())) is not None:
         raise InvalidValueError(f"{path}: the name says {named}, but a folder is written: {instead}")
     check_writable(path, inside=True)
 
@@ -254,7 +252,7 @@ def check_folder_name(name: str, instead: str) -> None:
     Raises:
         InvalidValueError: If the name has such a suffix.
     """
-    if Path(name).suffix.lower() in _NO_FOLDERS:
+    if Path(name).suffix.lower() in _FORMATS:
         raise InvalidValueError(f"{name}: a clip is written to a folder, whose name has no such suffix; {instead}")
 
 

@@ -151,10 +151,18 @@ def test_large_gaussian_alone_keeps_its_scales() -> None:
 
 @pytest.mark.parametrize("count", [1, 60])
 @pytest.mark.parametrize("place", [0.0, 500.0])
-def test_gaussians_that_begin_at_one_place_fly_apart_in_a_clip(count: int, place: float) -> None:
+def test_gaussians_that_begin_at_one_place_fly_apart_in_a_clip(count: int, place: float, caplog) -> None:
     splats = cloud().select(np.arange(count))
     frames = [dataclasses.replace(splats, means=place + splats.means * np.float32(40 * time)) for time in range(4)]
     sequence = decode_stream(encode_sequence(frames)[0]).scene
     assert isinstance(sequence, SequenceScene)
     for frame, found in zip(frames, decode_frames(sequence), strict=True):
         assert_close(np.sort(found.scene.splats.means, axis=0), np.sort(frame.means, axis=0), rtol=0, atol=1e-2)
+    assert not caplog.text
+
+
+def test_motion_too_large_for_the_scale_of_a_gaussian_gives_a_warning(caplog) -> None:
+    splats = dataclasses.replace(cloud().select(np.arange(1)), scales=np.full((1, 3), 1e-4, np.float32))
+    frames = [dataclasses.replace(splats, means=np.full((1, 3), 40 * time, np.float32)) for time in range(4)]
+    encode_sequence(frames)
+    assert "1 Gaussians move too far for their size" in caplog.text

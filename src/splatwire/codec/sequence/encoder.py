@@ -28,7 +28,18 @@ from splatwire.codec.gaussians.quality import Quality
 from splatwire.codec.sequence.fitting import Fitting, fit, motion_masks
 from splatwire.codec.sequence.keyframes import KeyframeEncoder, even_block_size
 from splatwire.codec.sequence.known_tracks import KnownTracks
-from splatwire.codec.sequence.layout import BEGINS, ENDS, GAP_AFTER, GAP_BEFORE, MOVING, NUM_CONTEXTS, STATE, TRACK
+from splatwire.codec.sequence.layout import (
+    BEGINS,
+    ENDS,
+    GAP_AFTER,
+    GAP_BEFORE,
+    MAX_COEFFICIENT,
+    MAX_QUANTISED,
+    MOVING,
+    NUM_CONTEXTS,
+    STATE,
+    TRACK,
+)
 from splatwire.codec.sequence.lifetimes import PACKET_BYTES_PER_LIFETIME, Lifetimes, lifetimes_sections
 from splatwire.codec.sequence.motion_coder import INITIAL_TRACK_BYTES, MotionCoder, all_stay
 from splatwire.codec.sequence.motion_rows import update_digest as digest_motion
@@ -164,9 +175,9 @@ class TracksEncoder:
                 threads,
             )
             largest, rotations = motion.largest[keyframe_rows], motion.largest_rotation[keyframe_rows]
-            _, moving[keyframe_rows] = motion_masks(
-                largest, rotations, self._known.shifts, track_indices[keyframe_rows]
-            )
+            shifts = self._known.shifts[track_indices[keyframe_rows]]
+            _, moving[keyframe_rows] = motion_masks(largest, rotations, shifts, np.arange(len(keyframe_rows)))
+            _warn_of_clipped_motion(largest, shifts)
             coding_rows[num_continued:] = keyframe_rows[np.argsort(track_indices[keyframe_rows])]
             self._fill_coder(coder, slice(num_continued, None), group, coding_rows, track_indices, moving)
             return packets
@@ -480,3 +491,19 @@ class TracksEncoder:
         importance = np.add.reduceat(visibility, starts).tolist()
         self.importance |= {packet.id: value for packet, value in zip(renumbered, importance, strict=True)}
         return renumbered
+
+
+def _warn_of_clipped_motion(largest: np.ndarray, shifts: np.ndarray) -> None:
+    """Logs a warning if motion of n tracks (Gaussians over time) exceeds the largest coefficient that can be coded.
+
+    Args:
+        largest: Largest absolute motion coefficient of each track in each channel, in the units of `layout.CHANNELS`,
+            float64 (n, channels).
+        shifts: log2 of the quantisation step of each channel's motion, int64 (n, channels).
+    """
+    num_clipped = int((largest > np.minimum(MAX_COEFFICIENT, np.ldexp(float(MAX_QUANTISED), shifts))).any(axis=1).sum())
+    if num_clipped:
+        LOG.warning(
+            "%s Gaussians move too far for their size: their decoded motion ends early. Enlarge them",
+            f"{num_clipped:,}",
+        )
