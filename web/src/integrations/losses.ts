@@ -20,7 +20,7 @@ export function warnOfMissing({ packets, expected }: Pick<Progress, "packets" | 
  */
 export function warnOfLeftOut({ gaussians: { antialiased, origin }, background }: Scene, name: string): void {
   const way = "`splatwire decode` writes files with it";
-  if (antialiased) console.warn(`${name}: the scene is antialiased, and the output has no request for it: ${way}`);
+  if (antialiased) console.warn(`${name}: the scene is antialiased, but the output has no mark of it: ${way}`);
   if (origin.some((value) => value !== 0))
     console.warn(`${name}: positions are relative to the origin (${origin.join(", ")}), which is left out: ${way}`);
   if (background.some((value) => value !== 0)) {

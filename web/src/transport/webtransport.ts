@@ -54,7 +54,7 @@ const HANDSHAKES_MS = [0, 50, 120, 250, 500, 1000];
  * every one that failed within the last minutes.
  */
 const MAX_FAILED_HANDSHAKES = 2;
-/** Number of failed attempts at a session with `localhost`, one of which is made at the other address. */
+/** Of this many attempts at a session with `localhost` that fails, one is made at the other address. */
 const OTHER_ADDRESS = 4;
 /**
  * `SESSION_TIMEOUT_MS` for further sessions of a stream without another source, milliseconds. After many failures,
