@@ -27,6 +27,7 @@ from splatwire.transport.http.pack import pack_stream, pack_streams
 from splatwire.transport.http.server import PageServer
 from splatwire.view.page import page_of_stream
 from transport.chromium import Browser, executable, isolated_page
+from web.host import listening
 from web.node import WEB, lacking
 from web.pictures import ELEMENT
 from web.test_page import SMALL, ball, run
@@ -219,22 +220,20 @@ async def below_a_path(port: int) -> AsyncIterator[str]:
     """Offers a page server below a path, as a proxy that removes this path from requests; yields the address."""
 
     async def forward(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(OSError, asyncio.IncompleteReadError):
-            head = await reader.readuntil(b"\r\n\r\n")
-            _, path, _ = head.split(b" ", 2)
-            if path.startswith(b"/splats/"):
-                inner, further = await asyncio.open_connection("127.0.0.1", port)
+        head = await reader.readuntil(b"\r\n\r\n")
+        _, path, _ = head.split(b" ", 2)
+        if path.startswith(b"/splats/"):
+            inner, further = await asyncio.open_connection("127.0.0.1", port)
+            with contextlib.closing(further):
                 further.write(head.replace(b" /splats/", b" /", 1))
                 writer.write(await inner.read())
-                further.close()
-            else:
-                writer.write(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
-            await writer.drain()
+        else:
+            writer.write(b"HTTP/1.1 404 Not Found\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
+        await writer.drain()
         writer.close()
 
-    server = await asyncio.start_server(forward, "127.0.0.1", 0)
-    async with server:
-        yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/splats/"
+    async with listening(forward) as own_port:
+        yield f"http://127.0.0.1:{own_port}/splats/"
 
 
 def test_several_scenes_are_listed_with_their_previews(tmp_path: Path) -> None:
